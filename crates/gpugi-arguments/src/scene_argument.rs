@@ -68,6 +68,35 @@ impl SceneArguments {
         }
     }
 
+    /// As they are written on the command line, without the time and the edits.
+    pub fn in_words(&self) -> Vec<String> {
+        let Self {
+            scene,
+            detail,
+            environment,
+            time: _,
+            without,
+            edit: _,
+            files_from,
+            limits,
+        } = self;
+        let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
+        let text = |text: &String| (!text.is_empty()).then(|| text.clone());
+        let options = [
+            ("--detail", (*detail != 1).then(|| detail.to_string())),
+            ("--environment", path(environment)),
+            ("--without", text(without)),
+            ("--files-from", path(files_from)),
+            ("--limits", text(limits)),
+        ];
+        let set = options
+            .into_iter()
+            .filter_map(|(name, value)| Some([name.to_owned(), value?]));
+        std::iter::once(scene.clone())
+            .chain(set.flatten())
+            .collect()
+    }
+
     /// The limits on what files may ask for.
     pub fn limits(&self) -> anyhow::Result<Limits> {
         parse_limits(&self.limits)

@@ -23,35 +23,12 @@ const MOST_IN_FLIGHT: usize = 16;
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("scene", |scene| {
+    scene.long("scene").required(false).default_value("room")
+}))]
 pub struct Arguments {
-    /// Scene: a file or a built-in name
-    #[arg(long, default_value = "room")]
-    scene: String,
-    /// Tessellation level of a built-in scene
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
-    detail: u32,
-    /// Environment map
-    #[arg(long, value_name = "FILE")]
-    environment: Option<PathBuf>,
-    /// Objects and lights to leave out: names separated by commas; * stands for any characters
-    #[arg(
-        long,
-        value_name = "NAME,...",
-        default_value = "",
-        hide_default_value = true
-    )]
-    without: String,
-    /// Also read files in this folder and below it if the scene refers to them (docs/security.md)
-    #[arg(long, value_name = "FOLDER")]
-    files_from: Option<PathBuf>,
-    /// Raises, or lowers, what files may ask for, as in scene=8GiB,images=8GiB (docs/security.md)
-    #[arg(
-        long,
-        value_name = "NAME=VALUE,...",
-        default_value = "",
-        hide_default_value = true
-    )]
-    limits: String,
+    #[command(flatten)]
+    scene: SceneArguments,
     /// Width and height in pixels (default: 1280x1024, or 1920x1080 for bvh)
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
@@ -179,16 +156,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]))
         .filter(|size| size.iter().all(|&side: &u32| side > 0))
         .ok_or_else(|| Usage(format!("--size {size}: expected WIDTHxHEIGHT")))?;
-    let (mut scene, notes) = scene_argument::load(&SceneArguments {
-        scene: arguments.scene.clone(),
-        detail: arguments.detail,
-        environment: arguments.environment.clone(),
-        time: 0.0,
-        files_from: arguments.files_from.clone(),
-        limits: arguments.limits.clone(),
-        without: arguments.without.clone(),
-        edit: Vec::new(),
-    })?;
+    let name = &arguments.scene.scene;
+    let (mut scene, notes) = scene_argument::load(&arguments.scene)?;
     print_notes(common, &notes);
     if let Some(count) = arguments.lights {
         scene.lights.truncate(count);
@@ -206,7 +175,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     if is_path_tracer(&arguments.technique)? {
         return bench_path_tracer::run(
             &gpu,
-            &arguments.scene,
+            name,
             &scene,
             &camera,
             size,
@@ -223,7 +192,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     apply_settings(&mut renderer, &arguments.set)?;
     let effects = Effects::of_live_view().exposed(0.0);
     if arguments.moving_light && scene.lights.is_empty() {
-        let message = format!("--moving-light: {} has no punctual light", arguments.scene);
+        let message = format!("--moving-light: {name} has no punctual light");
         return Err(Usage(message).into());
     }
     let completing = Completing::measure(&mut renderer, &camera)?;
@@ -290,7 +259,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let measured = Measured {
         adapter: gpu.adapter.name.clone(),
         driver: gpu.adapter.driver.clone(),
-        scene: arguments.scene.clone(),
+        scene: name.clone(),
         triangles: scene.statistics().triangles,
         size,
         frames: arguments.frames,

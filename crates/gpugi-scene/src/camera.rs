@@ -3,8 +3,8 @@
 use glam::{Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::Bounds;
 use crate::names::Name;
-use crate::scene::Bounds;
 
 /// How a camera projects the scene onto its image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

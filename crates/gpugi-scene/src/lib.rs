@@ -6,10 +6,12 @@
 
 pub mod animation;
 pub mod atlas;
+mod bounds;
 pub mod builtin;
 pub mod bvh;
 pub mod camera;
 mod digest;
+mod environment;
 pub mod error;
 pub mod export;
 mod extent;
@@ -34,7 +36,9 @@ pub mod tangents;
 pub mod transfer;
 
 pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, Side, TexelDensity};
+pub use bounds::Bounds;
 pub use camera::{Camera, Projection};
+pub use environment::Environment;
 pub use error::ImportError;
 pub use extent::core_of;
 pub use image::{Image, Pixels};
@@ -48,6 +52,6 @@ pub use mesh::Mesh;
 pub use names::Name;
 pub use panes::{LightPathPanes, SurfacePlace};
 pub use provoking::{ProvokingMesh, provoking_order};
-pub use scene::{Bounds, Environment, Instance, Origin, Scene, Statistics};
+pub use scene::{Instance, Origin, Scene, Statistics};
 pub use sphere::{Sphere, SphereError};
 pub use transfer::TransferVectors;

@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::names::Name;
 
-/// The shape of a punctual light's emission.
+/// The shape of a punctual light's emission. Units: [`Light::intensity`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum LightKind {
-    /// Emits equally in all directions. Intensity in W/sr (candela).
+    /// Emits equally in all directions.
     Point,
-    /// Emits into a cone around its local -Z. Intensity in W/sr (candela).
+    /// Emits into a cone around its local -Z.
     Spot {
         /// Half-angle inside which the intensity is full (rad).
         inner_cone_angle: f32,
@@ -18,7 +18,7 @@ pub enum LightKind {
         /// are a hard edge.
         outer_cone_angle: f32,
     },
-    /// Parallel light along its local -Z. Intensity is the irradiance on a surface that faces it, in W/m^2 (lux).
+    /// Parallel light along its local -Z. Its intensity is the irradiance on a surface that faces it.
     Directional,
 }
 
@@ -30,6 +30,9 @@ pub struct Light {
     /// Point, spot or directional.
     pub kind: LightKind,
     /// Linear Rec. 709 intensity [W/sr] (point, spot) or irradiance [W/m^2] (directional), including colour.
+    ///
+    /// Files state them in candela and lux. Their numbers are taken and written as they are, as those of emissive
+    /// surfaces are (nits as W/sr/m^2): gpugi computes the same with either units, and never converts between them.
     pub intensity: Vec3,
     /// Distance at which the light fades to zero (m); `None` means no limit.
     pub range: Option<f32>,
@@ -43,7 +46,7 @@ pub struct Light {
 }
 
 impl Light {
-    /// A light of the given kind at the origin, with its intensity in linear RGB (units: see [`Light::intensity`]).
+    /// A light of the given kind at the origin, with its intensity in linear RGB (units: [`Light::intensity`]).
     pub fn new(name: &str, kind: LightKind, intensity: Vec3) -> Self {
         Self {
             name: name.into(),

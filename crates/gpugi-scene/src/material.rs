@@ -135,7 +135,7 @@ pub struct Material {
     pub normal_texture: Option<TextureRef>,
     /// Scale of the x and y components of the normal map.
     pub normal_scale: f32,
-    /// Emitted radiance [glTF emissive units: W/sr/m^2], including emissive strength.
+    /// Emitted radiance [W/sr/m^2], including emissive strength. glTF's unit: [`crate::Light::intensity`].
     pub emissive: Vec3,
     /// Multiplies `emissive` (sRGB image).
     pub emissive_texture: Option<TextureRef>,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::Bounds;
 use crate::names::Name;
-use crate::scene::Bounds;
 
 /// Most media of a scene that can be imported and rendered: shaders look at each of them in every step.
 pub const MAX_MEDIA: usize = 64;

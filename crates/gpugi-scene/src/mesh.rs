@@ -6,10 +6,10 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
+use crate::bounds::Bounds;
 use crate::bvh::TriangleTree;
 use crate::names::Name;
 use crate::provoking::provoking_order;
-use crate::scene::Bounds;
 
 /// An indexed triangle mesh. Counter-clockwise triangles face the viewer.
 ///

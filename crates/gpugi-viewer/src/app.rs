@@ -181,7 +181,13 @@ impl App {
                     .open(SceneArguments::of(&name), &TechniqueSet::default());
             }
             Action::ChangeSet(set) => self.viewer.change_set(set),
-            Action::Set([technique, name, value]) => session.set(&technique, &name, &value)?,
+            Action::Set([owner, name, value]) => match session.effects.set(&owner, &name, &value) {
+                Some(set) => set.map_err(|source| LightingError::Setting {
+                    technique: owner,
+                    source,
+                })?,
+                None => session.set(&owner, &name, &value)?,
+            },
             Action::Edit(edit) => session.edit(&edit)?,
             Action::Pose(seconds) => session.pose(seconds)?,
             Action::Camera(index) => session.stand_at(index),

@@ -22,7 +22,7 @@ pub(crate) const SCENE: &str = "scene";
 pub(crate) const REPEATED: [&str; 2] = ["set", "edit"];
 
 /// Options that select what is seen.
-#[derive(Debug, PartialEq, clap::Args)]
+#[derive(Debug, clap::Args)]
 pub struct ViewArguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -52,26 +52,25 @@ impl ViewArguments {
     /// # Errors
     /// [`Usage`] if there are other options that say what is seen.
     pub fn view_file(&self) -> anyhow::Result<Option<&Path>> {
-        let name = &self.scene.scene;
+        let Self {
+            scene,
+            camera,
+            display,
+            technique,
+            set,
+            samples: _,
+            frame_rate: _,
+        } = self;
+        let name = &scene.scene;
         if !is_view_file(Path::new(name)) {
             return Ok(None);
         }
-        let alone = Self {
-            scene: SceneArguments::of(name),
-            camera: None,
-            display: DisplayArguments::default(),
-            technique: Vec::new(),
-            set: Vec::new(),
-            samples: None,
-            frame_rate: None,
-        };
-        let (samples, frame_rate) = (self.samples, self.frame_rate);
-        let alone = Self {
-            samples,
-            frame_rate,
-            ..alone
-        };
-        if *self != alone {
+        let is_alone = *scene == SceneArguments::of(name)
+            && camera.is_none()
+            && *display == DisplayArguments::default()
+            && technique.is_empty()
+            && set.is_empty();
+        if !is_alone {
             let message = format!("{name} says what is seen: options belong into it");
             return Err(Usage(message).into());
         }

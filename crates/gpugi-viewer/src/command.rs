@@ -1,6 +1,8 @@
 //! What is seen, in words: the command line that renders it, the address of the page that shows it, and a file that
 //! opens it.
 
+use gpugi::picture::Effects;
+use gpugi::settings::{Field, SettingSet};
 use gpugi_arguments::NO_TECHNIQUE;
 use gpugi_scene::Scene;
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
@@ -30,7 +32,7 @@ pub fn command(session: &Session, size: [u32; 2]) -> String {
     words.extend(session.loaded().arguments.iter().cloned());
     let mut option = |name: &str, value: String| words.extend([format!("--{name}"), value]);
     option("size", format!("{}x{}", size[0], size[1]));
-    for (name, value) in options(session) {
+    for (name, value) in options(session, &STILL_EFFECTS) {
         option(name, value);
     }
     option("samples", session.samples.to_string());
@@ -73,7 +75,7 @@ fn seen(session: &Session) -> Vec<(String, String)> {
         let name = option[0].trim_start_matches('-');
         seen.push((name.to_owned(), option[1].clone()));
     }
-    let options = options(session).into_iter();
+    let options = options(session, &Effects::NAMES).into_iter();
     seen.extend(options.map(|(name, value)| (name.to_owned(), value)));
     if session.samples != session.loaded().set.default_samples() {
         seen.push(("samples".into(), session.samples.to_string()));
@@ -84,8 +86,42 @@ fn seen(session: &Session) -> Vec<(String, String)> {
     seen
 }
 
-/// The options that tell the session's picture from that of its scene alone.
-fn options(session: &Session) -> Vec<(&'static str, String)> {
+/// Effects of a still picture: it has no frame before it.
+const STILL_EFFECTS: [&str; 3] = ["exposure", "tone-map", "encode"];
+
+/// What `--set` takes to make the effects with these names those of the session, where no shorter option does.
+fn effects(session: &Session, names: &[&str]) -> Vec<String> {
+    let shorter = ["exposure.value=", "tone-map.operator="];
+    let (at_first, now) = (Effects::of_live_view(), session.effects.all());
+    let changed = at_first.all().into_iter().zip(now);
+    let changed = changed.filter(|((name, _), _)| names.contains(name));
+    changed
+        .flat_map(|((name, before), (_, now))| {
+            let before = before.to_json();
+            set(name, now, |field| before[&field.name].clone())
+        })
+        .filter(|setting| !shorter.iter().any(|option| setting.starts_with(option)))
+        .collect()
+}
+
+/// What `--set` takes to give `settings`, of a technique or an effect, their values, where these are not those of `before`.
+fn set(owner: &str, settings: &dyn SettingSet, before: impl Fn(&Field) -> Value) -> Vec<String> {
+    let values = settings.to_json();
+    let fields = settings.fields().iter();
+    let changed = fields.filter(|field| values[&field.name] != before(field));
+    changed
+        .map(|field| {
+            let value = &values[&field.name];
+            let text = value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned);
+            format!("{owner}.{}={text}", field.name)
+        })
+        .collect()
+}
+
+/// The options that tell the session's picture from that of its scene alone, with the effects of these names.
+fn options(session: &Session, names_of_effects: &[&str]) -> Vec<(&'static str, String)> {
     let loaded = session.loaded();
     let edits = session.edits().into_iter();
     let mut options: Vec<_> = edits.map(|edit| ("edit", edit)).collect();
@@ -103,23 +139,17 @@ fn options(session: &Session) -> Vec<(&'static str, String)> {
     }
     options.push(("exposure", session.effects.exposure.value.to_string()));
     options.push(("tone-map", session.effects.tone_map.operator.to_string()));
+    let effects = effects(session, names_of_effects).into_iter();
+    options.extend(effects.map(|setting| ("set", setting)));
     let names = match &session.technique_names()[..] {
         [] => NO_TECHNIQUE.to_owned(),
         names => names.join(","),
     };
     options.push(("technique", names));
     for technique in loaded.renderer.techniques() {
-        let values = technique.settings().to_json();
-        for field in technique.settings().fields() {
-            let value = &values[&field.name];
-            if *value != field.default {
-                let name = technique.info().name;
-                let text = value
-                    .as_str()
-                    .map_or_else(|| value.to_string(), str::to_owned);
-                options.push(("set", format!("{name}.{}={text}", field.name)));
-            }
-        }
+        let defaults = |field: &Field| field.default.clone();
+        let set = set(technique.info().name, technique.settings(), defaults);
+        options.extend(set.into_iter().map(|setting| ("set", setting)));
     }
     if loaded.set.is_path_tracer() {
         let settings = loaded.set.settings.get(PATH_TRACER).into_iter().flatten();

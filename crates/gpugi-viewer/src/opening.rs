@@ -50,7 +50,7 @@ pub fn open(
     let (gpu, arguments, set) = (gpu.clone(), arguments.clone(), set.clone());
     Task::start(&arguments.scene.clone(), done, move |stage| async move {
         stage.set("reading").await;
-        let (words, edits) = (in_words(&arguments), arguments.edit.clone());
+        let (words, edits) = (arguments.in_words(), arguments.edit.clone());
         let (scene, notes) = result_of(ReadScene { arguments, files }).await?;
         stage.set("uploading").await;
         let source = (words, edits, notes);
@@ -80,7 +80,7 @@ pub fn change_environment(
         };
         scene.environment = Some(result_of(read).await?);
         stage.set("uploading").await;
-        let source = (in_words(&arguments), edits, notes);
+        let source = (arguments.in_words(), edits, notes);
         renderer(&gpu, scene, set, source, stage).await
     })
 }
@@ -156,26 +156,6 @@ async fn first_light(
     }
 }
 
-/// The arguments as they are written on the command line, without the time and the edits, which go on.
-fn in_words(arguments: &SceneArguments) -> Vec<String> {
-    let mut words = vec![arguments.scene.clone()];
-    let mut option = |name: &str, value: Option<String>| {
-        words.extend(value.into_iter().flat_map(|value| [name.to_owned(), value]));
-    };
-    let text = |text: &str| (!text.is_empty()).then(|| text.to_owned());
-    let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
-    let is_set = |is_set: bool, value: String| is_set.then_some(value);
-    option(
-        "--detail",
-        is_set(arguments.detail != 1, arguments.detail.to_string()),
-    );
-    option("--environment", path(&arguments.environment));
-    option("--without", text(&arguments.without));
-    option("--files-from", path(&arguments.files_from));
-    option("--limits", text(&arguments.limits));
-    words
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -189,10 +169,10 @@ mod tests {
         };
         let sky = dropped(&current, Path::new("a/Sky.EXR"));
         assert_eq!(
-            in_words(&sky).join(" "),
+            sky.in_words().join(" "),
             "spheres --detail 3 --environment a/Sky.EXR --limits side=64"
         );
         let scene = dropped(&sky, Path::new("b/cube.glb"));
-        assert_eq!(in_words(&scene).join(" "), "b/cube.glb --limits side=64");
+        assert_eq!(scene.in_words().join(" "), "b/cube.glb --limits side=64");
     }
 }

@@ -6,7 +6,7 @@ mod performance;
 mod settings;
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
-use gpugi::picture::{Compared, Exposure, Quantity, ToneMap};
+use gpugi::picture::{Compared, Quantity};
 use gpugi::scene::Edit;
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin;
@@ -27,7 +27,7 @@ pub enum Action {
     Open(String),
     /// To light the scene with other techniques.
     ChangeSet(TechniqueSet),
-    /// To change a setting: technique, name, value.
+    /// To change a setting: technique or effect, name, value.
     Set([String; 3]),
     /// To edit the scene.
     Edit(Edit),
@@ -100,7 +100,7 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
         });
 }
 
-/// Exposure, tone mapping, lens, resolution and what is done with the picture.
+/// Effects, such as exposure and tone mapping, lens, resolution and what is done with the picture.
 pub fn picture(
     ui: &mut Ui,
     session: &mut Session,
@@ -110,35 +110,11 @@ pub fn picture(
     CollapsingHeader::new("Picture")
         .default_open(true)
         .show(ui, |ui| {
-            let effects = &mut session.effects;
-            ui.horizontal(|ui| {
-                let mut is_automatic = effects.exposure.value == Exposure::Auto;
-                let mut value = match effects.exposure.value {
-                    Exposure::Manual(value) => value,
-                    Exposure::Auto => 0.0,
-                };
-                ui.label("exposure");
-                ui.checkbox(&mut is_automatic, "auto");
-                ui.add_enabled(
-                    !is_automatic,
-                    Slider::new(&mut value, -10.0..=10.0).suffix(" EV"),
-                );
-                effects.exposure.value = if is_automatic {
-                    Exposure::Auto
-                } else {
-                    Exposure::Manual(value)
-                };
-            });
-            ui.horizontal(|ui| {
-                ui.label("tone map");
-                ComboBox::from_id_salt("tone map")
-                    .selected_text(effects.tone_map.operator.name())
-                    .show_ui(ui, |ui| {
-                        for one in ToneMap::ALL {
-                            ui.selectable_value(&mut effects.tone_map.operator, one, one.name());
-                        }
-                    });
-            });
+            for (name, values) in session.effects.all() {
+                CollapsingHeader::new(name)
+                    .default_open(true)
+                    .show(ui, |ui| settings::settings(ui, name, values, actions));
+            }
             ui.horizontal(|ui| {
                 ui.label("show");
                 ComboBox::from_id_salt("quantity")

@@ -38,6 +38,8 @@ pub enum Kind {
     Flag,
     /// One of these words.
     Choice(&'static [&'static str]),
+    /// A number, or this word.
+    NumberOr(&'static str),
     /// Text; the help says what it means.
     Text,
 }
@@ -151,6 +153,7 @@ impl Field {
             (_, Some((low, high))) => format!("{low} to {high}"),
             (Kind::Flag, None) => "true, false".to_owned(),
             (Kind::Choice(words), None) => words.join(", "),
+            (Kind::NumberOr(word), None) => format!("{word}, or a number"),
             (Kind::Integer | Kind::Number | Kind::Text, None) => String::new(),
         };
         if self.is_power_of_two {
@@ -162,7 +165,7 @@ impl Field {
     /// Turns text into a value of this setting.
     fn parse(&self, text: &str) -> Result<Value, String> {
         let value = match self.kind {
-            Kind::Text => return Ok(text.into()),
+            Kind::NumberOr(_) | Kind::Text => return Ok(text.into()),
             Kind::Choice(words) if words.contains(&text) => return Ok(text.into()),
             Kind::Choice(words) => return Err(format!("the choices are {}", words.join(", "))),
             Kind::Flag => {

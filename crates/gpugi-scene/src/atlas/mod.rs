@@ -8,110 +8,29 @@
 //! density are as requested, whatever resolution the file's author had in mind.
 
 mod error;
+mod options;
 mod seams;
 mod second_set;
 mod shape;
+mod uvs;
 
 pub use error::AtlasError;
+pub use options::{AtlasOptions, TexelDensity};
 pub use seams::Seams;
 pub use second_set::{SecondSetFault, check_second_set};
+pub use uvs::{Atlas, InstanceUvs, LARGEST_PAGE, NO_CHART, Side};
 
 use std::collections::HashMap;
 
 use glam::Vec2;
-use serde::{Deserialize, Serialize};
 use uvunwrap::{Density, MeshInput, OutputMesh, OutputVertex, Packing};
 
 use crate::Scene;
 use shape::Shape;
 
-/// In [`InstanceUvs::charts`]: a triangle with almost no area, whose corners lie on a point of a neighbouring triangle.
-pub const NO_CHART: u32 = u32::MAX;
-
-/// Maximum side of a page in texels: WebGPU's default limit.
-pub const LARGEST_PAGE: u32 = 8192;
-
 /// With more triangles than this, charts are packed by outline: three times as fast as by shape, for about a tenth more
 /// texels.
 const MOST_PACKED_BY_SHAPE: usize = 20_000;
-
-/// A texture atlas: where the triangles of every instance lie in its pages.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct Atlas {
-    /// Side of a page (texels).
-    pub size: u32,
-    /// Number of pages.
-    pub pages: u32,
-    /// Per scene instance; `None` if the instance has no area, or nothing but slivers, and so is not in the atlas.
-    pub instances: Vec<Option<InstanceUvs>>,
-    /// The same for the backs of surfaces, with the charts of their fronts; `None` where a back has no texels. Empty if
-    /// none has.
-    pub backs: Vec<Option<InstanceUvs>>,
-}
-
-/// A side of an instance's surfaces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
-    /// Where the corners of triangles run counter-clockwise in mesh space.
-    Front,
-    /// The other.
-    Back,
-}
-
-/// Where one instance lies. All of it is in one page. No two triangles overlap, and none is mirrored: the corners run
-/// counter-clockwise when a triangle is seen from its front, and clockwise in the page, where v points down.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct InstanceUvs {
-    /// Page number.
-    pub page: u32,
-    /// One entry per index of the mesh (three per triangle, in the order of [`Mesh::indices`](crate::Mesh::indices)): 0
-    /// to 1, v downward.
-    pub corners: Vec<Vec2>,
-    /// Chart of each triangle, numbered from 0 in each instance, or [`NO_CHART`].
-    pub charts: Vec<u32>,
-}
-
-/// Texel density.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum TexelDensity {
-    /// The highest density at which everything fits one page. What is far larger than the scene's core ([`Scene::core`])
-    /// gets fewer texels per metre than the rest. If gutters alone overfill a page, several pages at the lowest density.
-    OnePage,
-    /// Texels per metre (1/m), in as many pages as needed.
-    PerMetre(f32),
-}
-
-/// Layout options of an atlas.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct AtlasOptions {
-    /// Side of a page (texels), 16 to [`LARGEST_PAGE`].
-    pub size: u32,
-    /// Texel density.
-    pub density: TexelDensity,
-    /// Minimum number of empty texels between charts; usually there are about twice as many. With 1, bilinear filters
-    /// never read texels of another chart.
-    pub gutter: u32,
-    /// Maximum number of pages; an atlas that needs more is an error.
-    pub most_pages: u32,
-    /// Whether valid second texture coordinates define the charts.
-    pub use_second_set: bool,
-    /// Whether open double-sided meshes, such as leaves and curtains, and all that transmit light diffusely also have
-    /// texels for the backs of their surfaces.
-    pub backs: bool,
-}
-
-impl Default for AtlasOptions {
-    fn default() -> Self {
-        Self {
-            size: 1024,
-            density: TexelDensity::OnePage,
-            gutter: 2,
-            most_pages: 64,
-            use_second_set: true,
-            backs: false,
-        }
-    }
-}
 
 impl Atlas {
     /// Lays out every instance of a scene in its current state. The same scene and options give the same atlas.
@@ -208,27 +127,6 @@ impl Atlas {
             instances: fronts.iter().map(place).collect(),
             backs: backs.iter().map(place).collect(),
         })
-    }
-
-    /// Everything that lies in the atlas: the number of its instance, which side of it, and where it lies.
-    pub fn sides(&self) -> impl Iterator<Item = (usize, Side, &InstanceUvs)> {
-        let fronts = self.instances.iter().zip(std::iter::repeat(Side::Front));
-        let backs = self.backs.iter().zip(std::iter::repeat(Side::Back));
-        let numbered = fronts.enumerate().chain(backs.enumerate());
-        numbered.filter_map(|(index, (uvs, side))| Some((index, side, uvs.as_ref()?)))
-    }
-
-    /// The same atlas for a scene in which the triangles of these instances have their second and third corners swapped,
-    /// as between a scene and its [`Scene::with_lit_fronts`].
-    pub fn turned(mut self, instances: &[usize]) -> Self {
-        for &index in instances {
-            if let Some(uvs) = &mut self.instances[index] {
-                for triangle in uvs.corners.as_chunks_mut::<3>().0 {
-                    triangle.swap(1, 2);
-                }
-            }
-        }
-        self
     }
 
     /// Triangles of the scene, in all instances, that are too thin for texels of their own: those without a chart, and

@@ -14,7 +14,8 @@
 
 use glam::DVec3;
 
-use super::{Row, tree::Tree};
+use super::rows::Row;
+use super::tree::Tree;
 use crate::Bounds;
 
 /// Rows per node.

@@ -1,12 +1,16 @@
 //! Tests that each triangle lies in boxes that contain it, that depth limits hold for any input, and that no ray slips
 //! through an edge.
 
+use std::sync::Arc;
 use std::time::Instant;
 
-use glam::{Mat4, Quat, Vec3};
+use glam::{DVec3, Mat4, Quat, Vec3};
 
+use super::rows::MESH_LEVELS;
 use super::traverse::{Ray, Traversal, any_hit, closest_hit};
+use super::tree::Tree;
 use super::*;
+use crate::Bounds;
 
 /// Numbers in [0, 1) from a PCG generator: the same on every machine.
 struct Random(u32);

@@ -1,14 +1,28 @@
 //! The top level: a hierarchy over instances in world space. It is built when instances come or go. When they move, the
 //! GPU refits its nodes.
 
-use glam::Mat4;
+use glam::{DMat4, DVec3, Mat4};
 
+use super::bottom::{BottomLevel, MeshTree};
+use super::error::{BvhError, at_most, row_number};
+use super::node::NODE_ROWS;
+use super::rows::{FLAG_SPHERE, INSTANCE_ROWS, ROUNDING, Row, TOP_LEVELS};
 use super::tree::{Tree, WORST_COST};
-use super::{
-    BottomLevel, BvhError, BvhInstance, FLAG_SPHERE, INSTANCE_ROWS, Row, TOP_LEVELS, at_most, node,
-    placed, row_number, traverse,
-};
+use super::{node, traverse};
 use crate::{Bounds, Sphere};
+
+/// An instance to place in the top level.
+#[derive(Debug, Clone, Copy)]
+pub struct BvhInstance {
+    /// Mesh number.
+    pub mesh: usize,
+    /// World space (m) from mesh space.
+    pub world_from_mesh: Mat4,
+    /// [`FLAG_ALPHA`], [`FLAG_BLACK_BACK`], both or neither.
+    pub flags: u32,
+    /// The sphere that stands for the mesh's triangles, in mesh space.
+    pub sphere: Option<Sphere>,
+}
 
 /// A top level over instances.
 #[derive(Debug, Clone)]
@@ -83,7 +97,7 @@ impl BottomLevel {
         rows.extend(order.clone().flat_map(|item| rows_of_items[item]));
         rows.extend(spheres);
         let start = match numbers.len() {
-            1 => [self.rows + super::NODE_ROWS, 1],
+            1 => [self.rows + NODE_ROWS, 1],
             _ => [self.rows, traverse::FIRST_NODE],
         };
         let mut items = vec![None; instances.len()];
@@ -146,17 +160,46 @@ impl BottomLevel {
             bounds,
         })
     }
+
+    /// The triangles and spheres of all instances in `top`, for tests of each without the hierarchy. `mesh_of` gives the
+    /// mesh of an instance. One entry per instance: its row, the row of its first triangle or of its sphere, and the
+    /// number of triangles and spheres before; then one that holds the number of all.
+    ///
+    /// # Errors
+    /// [`BvhError::TooLarge`].
+    pub fn runs(
+        &self,
+        top: &TopLevel,
+        mesh_of: impl Fn(usize) -> usize,
+    ) -> Result<Vec<Row>, BvhError> {
+        let first_item = self.rows + top.nodes() * NODE_ROWS;
+        let mut runs = Vec::new();
+        let mut before = 0_usize;
+        for (instance, item) in top.items() {
+            let mesh = &self.meshes[mesh_of(instance)];
+            let row = first_item + item * INSTANCE_ROWS;
+            let (first, count) = match top.sphere_row(item) {
+                Some(row) => (row, 1),
+                None => (mesh.first_triangle, mesh.triangles),
+            };
+            runs.push([row, first, at_most("triangles", before, u32::MAX)?, 0]);
+            before += count as usize;
+        }
+        let all = at_most("triangles", before, u32::MAX)?;
+        runs.push([0, 0, all, 0]);
+        Ok(runs)
+    }
 }
 
 impl TopLevel {
     /// Numbers of the instances that are not left out, each with its leaf item.
-    pub(super) fn items(&self) -> impl Iterator<Item = (usize, u32)> {
+    fn items(&self) -> impl Iterator<Item = (usize, u32)> {
         let items = self.items.iter().enumerate();
         items.filter_map(|(instance, item)| item.map(|item| (instance, item)))
     }
 
     /// The row of a leaf item's sphere, if it is one.
-    pub(super) fn sphere_row(&self, item: u32) -> Option<u32> {
+    fn sphere_row(&self, item: u32) -> Option<u32> {
         let [.., flags, row] = self.links[item as usize];
         (flags & FLAG_SPHERE != 0).then_some(row)
     }
@@ -212,6 +255,48 @@ impl TopLevel {
         }
         Tree::cost(&bounds)
     }
+}
+
+/// The transform from world space to the mesh's units, and the world-space box of the instance (of its mesh or of the
+/// sphere that stands for it), grown by the largest rounding error of a ray's transform. `None` if there is nothing to
+/// hit.
+fn placed(
+    mesh: &MeshTree,
+    sphere: Option<&Sphere>,
+    world_from_mesh: &Mat4,
+) -> Option<(Mat4, Bounds)> {
+    if mesh.bounds.is_empty() {
+        return None;
+    }
+    let bounds = sphere.map_or(mesh.bounds, Sphere::bounds);
+    let world_from_mesh = world_from_mesh.as_dmat4();
+    let determinant = glam::DMat3::from_mat4(world_from_mesh).determinant();
+    if determinant == 0.0 || !determinant.is_finite() {
+        return None;
+    }
+    let mesh_from_world = world_from_mesh.inverse();
+    let matrix =
+        (DMat4::from_scale(DVec3::splat(mesh.units_from_mesh)) * mesh_from_world).as_mat4();
+    let corners = bounds
+        .corners()
+        .map(|corner| world_from_mesh.transform_point3(corner.as_dvec3()));
+    let min = corners.into_iter().reduce(DVec3::min)?;
+    let max = corners.into_iter().reduce(DVec3::max)?;
+    // error(world) = |world from mesh| error(mesh), error(mesh) = rounding (|mesh from world| |world| + |translation|)
+    let magnitude = |matrix: &DMat4, v: DVec3| {
+        matrix.x_axis.truncate().abs() * v.x
+            + matrix.y_axis.truncate().abs() * v.y
+            + matrix.z_axis.truncate().abs() * v.z
+    };
+    let in_mesh = magnitude(&mesh_from_world, min.abs().max(max.abs()))
+        + mesh_from_world.w_axis.truncate().abs();
+    let grown = magnitude(&world_from_mesh, in_mesh) * ROUNDING;
+    let bounds = Bounds {
+        min: (min - grown).as_vec3(),
+        max: (max + grown).as_vec3(),
+    };
+    (matrix.is_finite() && bounds.min.is_finite() && bounds.max.is_finite())
+        .then_some((matrix, bounds))
 }
 
 /// Centre and radius in the mesh's units.

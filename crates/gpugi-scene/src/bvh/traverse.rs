@@ -2,9 +2,9 @@
 
 use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
-use super::{
-    FLAG_ALPHA, FLAG_BLACK_BACK, FLAG_SPHERE, INSTANCE_ROWS, NODE_ROWS, ROUNDING, Row,
-    TRIANGLE_ROWS,
+use super::node::NODE_ROWS;
+use super::rows::{
+    FLAG_ALPHA, FLAG_BLACK_BACK, FLAG_SPHERE, INSTANCE_ROWS, ROUNDING, Row, TRIANGLE_ROWS,
 };
 
 /// A ray in world space: origin + t * direction.

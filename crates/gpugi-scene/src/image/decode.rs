@@ -5,15 +5,14 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, codecs};
 
+use super::size::{RADIANCE_TEXEL, check_expansion, decoder_limits, finish};
+use super::srgb::linear_from_srgb;
 use super::{exr, hdr, ktx2};
 use crate::import::budget::ImageLimits;
 use crate::{Image, ImportError, Limits, Pixels};
 
 /// Bytes per texel of [`Pixels::Rgba8`].
 const COLOR_TEXEL: u64 = 4;
-/// Bytes per texel of [`Pixels::Rgba32Float`].
-pub(super) const RADIANCE_TEXEL: u64 = 16;
-
 /// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16-bit channels are rounded to 8.
 ///
 /// Files that hold radiance (HDR, EXR, KTX2 with floats) are rejected, because 8 bits cannot represent their values.
@@ -142,28 +141,6 @@ fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
     }
 }
 
-/// Rejects an image whose size is zero or exceeds the limits. `texel`: bytes per decoded texel.
-pub(super) fn check_size(
-    name: &str,
-    (width, height): (u32, u32),
-    texel: u64,
-    limits: &ImageLimits,
-) -> Result<(), ImportError> {
-    let error = |reason: String| Err(ImportError::new(name, "header", reason));
-    if width == 0 || height == 0 {
-        return error(format!("{width} x {height} texels are no image"));
-    }
-    let side = limits.limits.image_side;
-    if width > side || height > side {
-        return error(format!(
-            "{width} x {height} texels exceed the limit of {side} a side; --limits side=N raises it"
-        ));
-    }
-    let size = u64::from(width) * u64::from(height) * texel;
-    let checked = limits.check_bytes(size);
-    checked.or_else(|reason| error(format!("{width} x {height} texels: {reason}")))
-}
-
 /// Encoders write about ten scans.
 const MOST_SCANS: usize = 100;
 
@@ -194,26 +171,6 @@ fn first_picture(bytes: &[u8]) -> (&[u8], usize) {
         .windows(2)
         .filter(|pair| *pair == [0xff, 0xda]);
     (&bytes[..end], 1 + scans.count())
-}
-
-/// Rejects an image that claims far more texels than `given` bytes can hold.
-pub(super) fn check_expansion(
-    name: &str,
-    (width, height): (u32, u32),
-    texel: u64,
-    given: usize,
-    is_dense: bool,
-    limits: &ImageLimits,
-) -> Result<(), ImportError> {
-    let size = u64::from(width) * u64::from(height) * texel;
-    let checked = limits.check_file(size, given, is_dense);
-    checked.map_err(|reason| {
-        ImportError::new(
-            name,
-            "header",
-            format!("{width} x {height} texels: {reason}"),
-        )
-    })
 }
 
 fn decode(
@@ -254,45 +211,6 @@ fn decode(
             finish(name, decoder, limits, texel)
         }
         _ => unreachable!("no other format is recognised"),
-    }
-}
-
-/// Limits the memory that decoders allocate. Image sides are left to [`check_size`], which has a better message.
-fn decoder_limits(limits: &ImageLimits) -> image::Limits {
-    let mut decoder_limits = image::Limits::no_limits();
-    decoder_limits.max_alloc = Some(limits.most());
-    decoder_limits
-}
-
-/// Decodes, once the size is within the limits.
-pub(super) fn finish(
-    name: &str,
-    mut decoder: impl ImageDecoder,
-    limits: &ImageLimits,
-    texel: u64,
-) -> Result<DynamicImage, ImportError> {
-    check_size(name, decoder.dimensions(), texel, limits)?;
-    decoder
-        .set_limits(decoder_limits(limits))
-        .and_then(|()| DynamicImage::from_decoder(decoder))
-        .map_err(|error| ImportError::new(name, "texels", error))
-}
-
-/// The sRGB transfer function (IEC 61966-2-1) from encoded to linear; 0..1 maps to 0..1.
-pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
-}
-
-/// The inverse of [`linear_from_srgb`].
-pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
-    if linear <= 0.0031308 {
-        linear * 12.92
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
 }
 

@@ -8,8 +8,8 @@ use std::io::Read;
 use glam::{DMat3, DVec3};
 use image::codecs::hdr::HdrDecoder;
 
-use super::decode::{RADIANCE_TEXEL, check_expansion, finish};
 use super::primaries::{Chromaticities, XYZ, rec709_from};
+use super::size::{RADIANCE_TEXEL, check_expansion, finish};
 use crate::import::budget::ImageLimits;
 use crate::import::quoted;
 use crate::{Image, ImportError, Pixels};

@@ -9,7 +9,8 @@ use ktx2::{Format, Header, Index, LevelIndex};
 
 use super::replace_file;
 
-use super::decode::{check_size, linear_from_srgb};
+use super::size::check_size;
+use super::srgb::linear_from_srgb;
 use crate::import::budget::ImageLimits;
 use crate::{Image, ImportError, Pixels};
 

@@ -10,11 +10,13 @@ mod ktx2_volume;
 pub mod metrics;
 mod nanovdb;
 mod primaries;
+mod size;
+mod srgb;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use decode::{claimed_bytes, decode_color_within, linear_from_srgb, srgb_from_linear};
+pub(crate) use decode::{claimed_bytes, decode_color_within};
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub use encode::{replace_file, save_exr, save_hdr, save_png, write_exr, write_png};
 pub use ktx2::{HalfTexture, save_ktx2};
@@ -23,6 +25,7 @@ pub(crate) use ktx2_array::{
 };
 pub(crate) use ktx2_volume::{decode_volume, encode_volume};
 pub(crate) use nanovdb::{decode_nanovdb, is_nanovdb};
+pub(crate) use srgb::{linear_from_srgb, srgb_from_linear};
 
 /// Weights of red, green and blue in the relative luminance of linear Rec. 709 (ITU-R BT.709-6, item 3.2).
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
@@ -30,6 +33,13 @@ pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 /// Relative luminance of a linear Rec. 709 colour, in its unit.
 pub fn luminance(color: Vec3) -> f32 {
     color.dot(LUMINANCE)
+}
+
+/// Red, green and blue of a word with a shared exponent: 9 bits of mantissa each, red in the lowest ones, and 5 of
+/// exponent, bias 15 (WebGPU's rgb9e5ufloat).
+pub fn unpack_rgb9e5(word: u32) -> Vec3 {
+    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
+    Vec3::from_array([0, 9, 18].map(|shift| (word >> shift & 511) as f32)) * scale
 }
 
 /// Texels, row by row from the top, four channels per texel.

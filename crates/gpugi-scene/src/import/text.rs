@@ -1,4 +1,4 @@
-//! Text files as programs save them.
+//! Text of files: as programs save it, and as messages show it.
 
 /// The bytes of a text file without its byte order mark.
 ///
@@ -13,4 +13,14 @@ pub fn without_mark(bytes: &[u8]) -> Result<&[u8], String> {
         return Err("this is UTF-16 text; save it as UTF-8".into());
     }
     Ok(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
+}
+
+/// The beginning of a text from a file, for messages.
+pub(crate) fn quoted(text: &str) -> String {
+    const MOST: usize = 60;
+    let mut shown: String = text.chars().take(MOST).collect();
+    if text.chars().nth(MOST).is_some() {
+        shown.push_str("...");
+    }
+    shown
 }

@@ -141,8 +141,8 @@ fn position(ui: &mut Ui, position_in_world: &mut Vec3, scene: &Scene) -> bool {
 fn light_controls(ui: &mut Ui, light: &Light, scene: &Scene) -> Option<Light> {
     let mut light = light.clone();
     let unit = match light.kind {
-        LightKind::Directional => "lx",
-        LightKind::Point | LightKind::Spot { .. } => "cd",
+        LightKind::Directional => "W/m²",
+        LightKind::Point | LightKind::Spot { .. } => "W/sr",
     };
     let mut changed = ui
         .horizontal(|ui| colored(ui, &mut light.intensity, unit))

@@ -1,11 +1,11 @@
-//! Controls for the settings of a technique, made from their one statement.
+//! Controls for the settings of a technique or an effect, made from their one statement.
 
 use eframe::egui::{self, ComboBox, DragValue, Slider, TextEdit, Ui};
 use gpugi::settings::{Field, Kind, SettingSet};
 
 use super::Action;
 
-/// A control per setting of the technique `name`; a value other than the default has a button that resets it.
+/// A control per setting of the technique or effect `name`; a value other than the default has a button that resets it.
 pub fn settings(ui: &mut Ui, name: &str, settings: &dyn SettingSet, actions: &mut Vec<Action>) {
     let values = settings.to_json();
     egui::Grid::new(name).num_columns(3).show(ui, |ui| {
@@ -43,12 +43,7 @@ fn text_of(value: &serde_json::Value) -> String {
 }
 
 /// Returns the new value, if people changed it.
-fn control(
-    ui: &mut Ui,
-    technique: &str,
-    field: &Field,
-    value: &serde_json::Value,
-) -> Option<String> {
+fn control(ui: &mut Ui, owner: &str, field: &Field, value: &serde_json::Value) -> Option<String> {
     match field.kind {
         Kind::Flag => {
             let mut is_on = value.as_bool().unwrap_or_default();
@@ -58,7 +53,7 @@ fn control(
         Kind::Choice(words) => {
             let current = value.as_str().unwrap_or_default();
             let mut chosen = None;
-            ComboBox::from_id_salt((technique, &field.name))
+            ComboBox::from_id_salt((owner, &field.name))
                 .selected_text(current)
                 .show_ui(ui, |ui| {
                     for &word in words {
@@ -70,7 +65,7 @@ fn control(
             chosen
         }
         Kind::Text => {
-            let id = ui.make_persistent_id((technique, &field.name, "text"));
+            let id = ui.make_persistent_id((owner, &field.name, "text"));
             let current = text_of(value);
             let mut text = ui
                 .data_mut(|data| data.get_temp::<String>(id))
@@ -82,6 +77,21 @@ fn control(
             }
             ui.data_mut(|data| data.remove::<String>(id));
             (edit.lost_focus() && text != current).then_some(text)
+        }
+        Kind::NumberOr(word) => {
+            let text = text_of(value);
+            let mut is_word = text == word;
+            let current = text.parse().unwrap_or_default();
+            ui.horizontal(|ui| {
+                let is_toggled = ui.checkbox(&mut is_word, word).changed();
+                let changed = ui.add_enabled_ui(!is_word, |ui| number(ui, field, current));
+                match (is_toggled, is_word) {
+                    (true, true) => Some(word.to_owned()),
+                    (true, false) => Some(current.to_string()),
+                    (false, _) => changed.inner,
+                }
+            })
+            .inner
         }
         Kind::Integer | Kind::Number => number(ui, field, value.as_f64().unwrap_or_default()),
     }
@@ -117,7 +127,14 @@ fn number(ui: &mut Ui, field: &Field, current: f64) -> Option<String> {
             }
             ui.add(slider).changed()
         }
-        None => ui.add(DragValue::new(&mut value).suffix(suffix)).changed(),
+        None => {
+            let drag = DragValue::new(&mut value).suffix(suffix);
+            let drag = match is_whole {
+                true => drag.range(0..=u32::MAX),
+                false => drag.speed(0.02),
+            };
+            ui.add(drag).changed()
+        }
     };
     if !changed {
         return None;

@@ -12,6 +12,8 @@ pub const LEAST_SIDE: u32 = 8;
 const LAST_SIDE: u32 = 4;
 /// Levels that one dispatch makes.
 const LEVELS_AT_ONCE: usize = 3;
+/// Least and greatest.
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Float;
 
 /// The passes of pyramids.
 #[derive(Debug)]
@@ -66,22 +68,11 @@ impl DistancePyramid {
             });
         }
         let levels = (side / 2 / LAST_SIDE).ilog2() + 1;
-        let texture = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("distance pyramid"),
-            size: wgpu::Extent3d {
-                width: side / 2,
-                height: side / 2,
-                depth_or_array_layers: distances.depth_or_array_layers(),
-            },
-            mip_level_count: levels,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rg32Float,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::STORAGE_BINDING
-                | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
+        let size = [side / 2, side / 2, distances.depth_or_array_layers()];
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::STORAGE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        let texture = gpu.texture_with_levels("distance pyramid", size, levels, FORMAT, usage)?;
         let steps = (0..levels)
             .step_by(LEVELS_AT_ONCE)
             .map(|level| {
@@ -123,16 +114,8 @@ impl DistancePyramid {
 
 /// Stands for a level that the pyramid does not have: a shader needs all of its textures bound.
 fn missing_level(gpu: &Gpu) -> Result<wgpu::Texture, GpuError> {
-    gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("missing level"),
-        size: wgpu::Extent3d::default(),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rg32Float,
-        usage: wgpu::TextureUsages::STORAGE_BINDING,
-        view_formats: &[],
-    })
+    let usage = wgpu::TextureUsages::STORAGE_BINDING;
+    gpu.texture_2d("missing level", [1, 1, 1], FORMAT, usage)
 }
 
 /// The faces of one level, as an array of layers.

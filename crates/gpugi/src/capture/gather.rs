@@ -154,10 +154,23 @@ impl Gather {
     }
 
     fn general(&self, gpu: &Gpu) -> Result<&Kernel, GpuError> {
-        if let Some(general) = self.general.get() {
-            return Ok(general);
-        }
-        let general = self.radiance.variant(gpu, &[("IS_GENERAL", 1.0)])?;
-        Ok(self.general.get_or_init(|| general))
+        made_once(&self.general, || {
+            self.radiance.variant(gpu, &[("IS_GENERAL", 1.0)])
+        })
     }
+}
+
+/// What `kept` holds; `make` makes it on first use.
+///
+/// # Errors
+/// Those of `make`.
+pub(super) fn made_once<T>(
+    kept: &OnceLock<T>,
+    make: impl FnOnce() -> Result<T, GpuError>,
+) -> Result<&T, GpuError> {
+    if let Some(made) = kept.get() {
+        return Ok(made);
+    }
+    let made = make()?;
+    Ok(kept.get_or_init(|| made))
 }

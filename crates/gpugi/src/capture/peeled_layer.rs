@@ -47,28 +47,16 @@ impl PeeledLayer {
             ])
         });
         let groups = groups.collect::<Result<_, GpuError>>()?;
-        let depth = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("depth of the peeled layer"),
-            size: capture.depth.size(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: capture.depth.format(),
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        })?;
-        let hits = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("peeled hit records"),
-            size: capture.hits.size(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: capture.hits.format(),
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                | wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_DST,
-            view_formats: &[],
-        })?;
+        let like = |texture: &wgpu::Texture, label, usage| {
+            let size = texture.size();
+            let size = [size.width, size.height, size.depth_or_array_layers];
+            let usage = usage | wgpu::TextureUsages::RENDER_ATTACHMENT;
+            gpu.texture_2d(label, size, texture.format(), usage)
+        };
+        let depth = "depth of the peeled layer";
+        let depth = like(&capture.depth, depth, wgpu::TextureUsages::empty())?;
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let hits = like(&capture.hits, "peeled hit records", usage)?;
         let size = u64::from(capture.points.count) * SURFACE_POINT_BYTES;
         let points = "peeled surface points [bytes]";
         Ok(Self {

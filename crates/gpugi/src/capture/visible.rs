@@ -1,6 +1,7 @@
 //! Surface points on the host: what images of them show.
 
 use glam::{Vec2, Vec3};
+use gpugi_scene::image::unpack_rgb9e5;
 
 /// A surface point packed by capture/surface_point.wesl, unpacked on the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,7 +25,7 @@ impl VisiblePoint {
         (instance != u32::MAX).then(|| Self {
             position: Vec3::from_array([x, y, z].map(f32::from_bits)),
             normal: octahedral(normal),
-            albedo: (rgb9e5(diffuse) + rgb9e5(f0)).min(Vec3::ONE),
+            albedo: (unpack_rgb9e5(diffuse) + unpack_rgb9e5(f0)).min(Vec3::ONE),
             instance,
         })
     }
@@ -42,10 +43,4 @@ fn octahedral(word: u32) -> Vec3 {
         p
     };
     xy.extend(z).normalize()
-}
-
-/// CPU twin of `unpack_rgb9e5` in shared/color.wesl.
-fn rgb9e5(word: u32) -> Vec3 {
-    let scale = ((word >> 27) as i32 - 24) as f32;
-    Vec3::from_array([0, 9, 18].map(|shift| ((word >> shift) & 511) as f32)) * scale.exp2()
 }

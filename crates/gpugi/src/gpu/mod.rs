@@ -487,7 +487,22 @@ impl Gpu {
     pub fn texture_2d(
         &self,
         label: &str,
+        size: [u32; 3],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> Result<wgpu::Texture, GpuError> {
+        self.texture_with_levels(label, size, 1, format, usage)
+    }
+
+    /// As [`Gpu::texture_2d`], with `levels` of detail, of which each is half as wide as the one before.
+    ///
+    /// # Errors
+    /// As [`Gpu::texture`].
+    pub fn texture_with_levels(
+        &self,
+        label: &str,
         [width, height, layers]: [u32; 3],
+        levels: u32,
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
     ) -> Result<wgpu::Texture, GpuError> {
@@ -498,7 +513,7 @@ impl Gpu {
                 height,
                 depth_or_array_layers: layers,
             },
-            mip_level_count: 1,
+            mip_level_count: levels,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format,

@@ -14,22 +14,11 @@ pub fn cube_texture(
     levels: u32,
     cubes: u32,
 ) -> Result<wgpu::Texture, GpuError> {
-    gpu.texture(&wgpu::TextureDescriptor {
-        label: Some(label),
-        size: wgpu::Extent3d {
-            width: side,
-            height: side,
-            depth_or_array_layers: 6 * cubes,
-        },
-        mip_level_count: levels,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::STORAGE_BINDING
-            | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
+    let size = [side, side, 6 * cubes];
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING
+        | wgpu::TextureUsages::STORAGE_BINDING
+        | wgpu::TextureUsages::COPY_SRC;
+    gpu.texture_with_levels(label, size, levels, format, usage)
 }
 
 /// All levels of a texture's layers.

@@ -101,12 +101,9 @@ impl Picture {
         effects: &Effects,
     ) -> Result<(), GpuError> {
         if effects.temporal_antialiasing.is_on() {
-            if self.live.is_none() {
-                let live = Live::new(gpu, scene, self.size)?;
-                self.live = Some((live, temporal_antialiasing::Pass::new(gpu)?));
-            }
-        } else if self.still.is_none() {
-            self.still = Some(Still::new(gpu, self.size)?);
+            live(&mut self.live, gpu, scene, self.size)?;
+        } else {
+            still(&mut self.still, gpu, self.size)?;
         }
         Ok(())
     }
@@ -143,31 +140,20 @@ impl Picture {
             let colors = surfaces.record(frame, lit.strips, quantity)?;
             return self.finish(frame, colors, &effects.of_colors());
         }
-        self.prepare(frame.gpu, scene, effects)?;
+        let (gpu, size) = (frame.gpu, self.size);
         let antialiasing = &effects.temporal_antialiasing;
-        if let Some((film, _)) = &mut self.live
-            && antialiasing.is_on()
-        {
+        let radiance = if antialiasing.is_on() {
+            let (film, blend) = live(&mut self.live, gpu, scene, size)?;
             film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
-        }
-        let radiance = match (&self.live, &self.still) {
-            (Some((film, blend)), _) if antialiasing.is_on() => {
-                let exposure = &self.exposure.value;
-                blend.record(
-                    frame,
-                    film,
-                    self.size,
-                    [lit.samples, lit.of],
-                    exposure,
-                    antialiasing,
-                )?
-            }
-            (_, Some(film)) => {
-                film.record(frame, lit.strips, self.size[0], lit.samples)?;
-                &film.radiance
-            }
-            _ => unreachable!("it was prepared"),
+            let samples = [lit.samples, lit.of];
+            let exposure = &self.exposure.value;
+            blend.record(frame, film, size, samples, exposure, antialiasing)?
+        } else {
+            let film = still(&mut self.still, gpu, size)?;
+            film.record(frame, lit.strips, size[0], lit.samples)?;
+            &film.radiance
         };
+        let radiance = &radiance.clone();
         match shown {
             Shown::Compared(comparison, compared) => {
                 let colors = comparison.record(frame, radiance, self.size, compared)?;
@@ -216,6 +202,34 @@ impl Picture {
     pub fn exposure_value(&self, gpu: &Gpu) -> Result<f32, GpuError> {
         let value: Vec<f32> = read_buffer(gpu, &self.exposure.value, size_of::<f32>() as u64)?;
         Ok(value[0])
+    }
+}
+
+/// The film of live pictures of `size` pixels, and the pass that blends them; made on first use.
+fn live<'a>(
+    kept: &'a mut Option<(Live, temporal_antialiasing::Pass)>,
+    gpu: &Gpu,
+    scene: &GpuScene,
+    size: [u32; 2],
+) -> Result<&'a mut (Live, temporal_antialiasing::Pass), GpuError> {
+    match kept {
+        Some(made) => Ok(made),
+        none => Ok(none.insert((
+            Live::new(gpu, scene, size)?,
+            temporal_antialiasing::Pass::new(gpu)?,
+        ))),
+    }
+}
+
+/// The film of still pictures of `size` pixels; made on first use.
+fn still<'a>(
+    kept: &'a mut Option<Still>,
+    gpu: &Gpu,
+    size: [u32; 2],
+) -> Result<&'a mut Still, GpuError> {
+    match kept {
+        Some(made) => Ok(made),
+        none => Ok(none.insert(Still::new(gpu, size)?)),
     }
 }
 

@@ -36,17 +36,10 @@ const WIDTH: usize = 4096;
 /// A receiver whose target holds sums of radiance, and whose points nobody reads.
 fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
     let unread = gpu.storage("unread", &[0_u32; 4]).expect("it fits");
-    let hits = wgpu::TextureDescriptor {
-        label: Some("hits"),
-        size: wgpu::Extent3d::default(),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::R32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING,
-        view_formats: &[],
-    };
-    let hits = gpu.texture(&hits).expect("it fits");
+    let format = wgpu::TextureFormat::R32Uint;
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+    let hits = gpu.texture_2d("hits", [1, 1, 1], format, usage);
+    let hits = hits.expect("it fits");
     let points = SurfacePoints {
         points: unread.clone(),
         view: unread,

@@ -461,22 +461,11 @@ fn texture(
     layers: u32,
     levels: u32,
 ) -> Result<wgpu::Texture, GpuError> {
-    gpu.texture(&wgpu::TextureDescriptor {
-        label: Some(name),
-        size: wgpu::Extent3d {
-            width: side,
-            height: side,
-            depth_or_array_layers: layers,
-        },
-        mip_level_count: levels,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::STORAGE_BINDING
-            | wgpu::TextureUsages::COPY_SRC,
-        view_formats: &[],
-    })
+    let format = wgpu::TextureFormat::Rgba16Float;
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING
+        | wgpu::TextureUsages::STORAGE_BINDING
+        | wgpu::TextureUsages::COPY_SRC;
+    gpu.texture_with_levels(name, [side, side, layers], levels, format, usage)
 }
 
 /// The six faces of one level, as layers.

@@ -55,26 +55,15 @@ pub(super) fn environment_texels(
             .map(|&value| half::f16::from_f32(f32::from(value) / 255.0).to_bits())
             .collect(),
     };
-    let size = wgpu::Extent3d {
-        width: image.width,
-        height: image.height,
-        depth_or_array_layers: 1,
-    };
-    let texture = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("environment"),
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    })?;
+    let format = wgpu::TextureFormat::Rgba16Float;
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let sides = [image.width, image.height, 1];
+    let texture = gpu.texture_2d("environment", sides, format, usage)?;
     gpu.write_texture(
         texture.as_image_copy(),
         bytemuck::cast_slice(&halves),
         image.width * 8,
-        size,
+        texture.size(),
     );
     Ok(EnvironmentTexels {
         view: texture.create_view(&Default::default()),

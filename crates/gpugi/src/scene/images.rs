@@ -113,22 +113,11 @@ fn upload(
     format: wgpu::TextureFormat,
 ) -> Result<wgpu::TextureView, GpuError> {
     let levels = size.ilog2() + 1;
-    let texture = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("material images"),
-        size: wgpu::Extent3d {
-            width: size,
-            height: size,
-            depth_or_array_layers: images.len().max(1) as u32,
-        },
-        mip_level_count: levels,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING
-            | wgpu::TextureUsages::COPY_DST
-            | wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    })?;
+    let sides = [size, size, images.len().max(1) as u32];
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING
+        | wgpu::TextureUsages::COPY_DST
+        | wgpu::TextureUsages::RENDER_ATTACHMENT;
+    let texture = gpu.texture_with_levels("material images", sides, levels, format, usage)?;
     let level_view = |layer: u32, level: u32| {
         texture.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2),
@@ -203,20 +192,9 @@ fn write_image(
         write(texture, layer);
         return Ok(());
     }
-    let original = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("image before scaling"),
-        size: wgpu::Extent3d {
-            width: image.width,
-            height: image.height,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: texture.format(),
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    })?;
+    let sides = [image.width, image.height, 1];
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let original = gpu.texture_2d("image before scaling", sides, texture.format(), usage)?;
     write(&original, 0);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     blit.copy(

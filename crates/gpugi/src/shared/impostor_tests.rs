@@ -90,23 +90,11 @@ struct Impostor<'a> {
 impl<'a> Impostor<'a> {
     fn new(gpu: &'a Gpu, cube: &Cube) -> Self {
         let side = cube.side as u32;
-        let size = wgpu::Extent3d {
-            width: side,
-            height: side,
-            depth_or_array_layers: (cube.distances.len() / (cube.side * cube.side)) as u32,
-        };
-        let distances = gpu
-            .texture(&wgpu::TextureDescriptor {
-                label: Some("distances"),
-                size,
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::R32Float,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-                view_formats: &[],
-            })
-            .unwrap();
+        let layers = (cube.distances.len() / (cube.side * cube.side)) as u32;
+        let format = wgpu::TextureFormat::R32Float;
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let distances = gpu.texture_2d("distances", [side, side, layers], format, usage);
+        let distances = distances.unwrap();
         gpu.queue.write_texture(
             distances.as_image_copy(),
             bytemuck::cast_slice(&cube.distances),
@@ -115,7 +103,7 @@ impl<'a> Impostor<'a> {
                 bytes_per_row: Some(4 * side),
                 rows_per_image: Some(side),
             },
-            size,
+            distances.size(),
         );
         let pyramid =
             DistancePyramid::new(gpu, &PyramidKernels::new(gpu).unwrap(), &distances).unwrap();
@@ -519,22 +507,10 @@ fn hopeless_rays_end_well() {
 fn cubes_of_odd_sizes_are_refused() {
     let Some(gpu) = test_gpu() else { return };
     for (width, height) in [(4, 4), (24, 24), (16, 32)] {
-        let distances = gpu
-            .texture(&wgpu::TextureDescriptor {
-                label: Some("distances"),
-                size: wgpu::Extent3d {
-                    width,
-                    height,
-                    depth_or_array_layers: 6,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format: wgpu::TextureFormat::R32Float,
-                usage: wgpu::TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            })
-            .unwrap();
+        let format = wgpu::TextureFormat::R32Float;
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING;
+        let distances = gpu.texture_2d("distances", [width, height, 6], format, usage);
+        let distances = distances.unwrap();
         let error = DistancePyramid::new(&gpu, &PyramidKernels::new(&gpu).unwrap(), &distances)
             .unwrap_err();
         assert!(error.to_string().contains("power of two"), "{error}");

@@ -1,5 +1,6 @@
 //! The maps that techniques keep, and how people get to see them.
 
+use gpugi_scene::image::unpack_rgb9e5;
 use half::f16;
 use wgpu::TextureFormat;
 
@@ -247,16 +248,10 @@ fn decoded(words: &[u32], stride: usize, encoding: Encoding, width: u32) -> Vec<
         (Encoding::Halves, [rg, ba, ..]) => {
             [*rg, *rg >> 16, *ba].map(|word| f16::from_bits(word as u16).to_f32())
         }
-        (Encoding::SharedExponent, [word, ..]) => rgb9e5(*word),
+        (Encoding::SharedExponent, [word, ..]) => unpack_rgb9e5(*word).to_array(),
         _ => [0.0; 3],
     });
     colors.collect()
-}
-
-/// The colour of a word with a shared exponent.
-fn rgb9e5(word: u32) -> [f32; 3] {
-    let scale = 2.0_f32.powi((word >> 27) as i32 - 24);
-    [0, 9, 18].map(|shift| (word >> shift & 511) as f32 * scale)
 }
 
 #[cfg(test)]

@@ -286,6 +286,15 @@ pub(crate) fn named(objects: &str) -> String {
     }
 }
 
+/// Whether such a setting chooses the object: if `auto` holds where it leaves the choice to gpugi, otherwise if it names
+/// the object and `named` holds.
+pub(crate) fn chooses(objects: &str, object: &Object, auto: bool, named: bool) -> bool {
+    match objects {
+        AUTO => auto,
+        list => named && object.is_named_by(list),
+    }
+}
+
 /// Objects that have maps of their own, by number: other objects, or other kinds of them, need other maps.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Claimed(Arc<[(u32, Object)]>);

@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use super::{BakedPage, ExportError, Exported, Original};
 use crate::animation::Transform;
 use crate::atlas::{Atlas, InstanceUvs};
-use crate::import::gltf::document::Document;
+use crate::import::gltf::document::{Document, INSTANCING};
 use crate::import::gltf::{self as import, geometry, instancing};
 use crate::{LightPathPanes, Limits, Origin, Resolver, Scene};
 use json::{Json, Object, array, object, remove_empty};
@@ -282,9 +282,9 @@ impl<'a> Baker<'a> {
             }
         }
         let nodes = self.output.json.list("nodes").iter();
-        let still = |node: &Value| node["extensions"].get(instancing::NAME).is_some();
+        let still = |node: &Value| node["extensions"].get(INSTANCING).is_some();
         if !self.standing.is_empty() && !nodes.into_iter().any(still) {
-            self.output.json.no_longer_uses(instancing::NAME);
+            self.output.json.no_longer_uses(INSTANCING);
         }
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
         match stored {
@@ -312,7 +312,7 @@ impl<'a> Baker<'a> {
             let name = json.get("name").and_then(Value::as_str).map(str::to_owned);
             let mesh = json.shift_remove("mesh");
             json.shift_remove("weights");
-            let removed = object(json, "extensions").shift_remove(instancing::NAME);
+            let removed = object(json, "extensions").shift_remove(INSTANCING);
             remove_empty(json, "extensions");
             let is_sphere = take_sphere(json);
             let attributes = removed
@@ -378,10 +378,10 @@ impl<'a> Baker<'a> {
     ) -> Result<Option<usize>, ExportError> {
         let json = self.output.json.at("nodes", node)?;
         let extensions = json.get("extensions").and_then(Value::as_object);
-        if extensions.is_some_and(|extensions| extensions.contains_key(instancing::NAME)) {
+        if extensions.is_some_and(|extensions| extensions.contains_key(INSTANCING)) {
             self.warnings.push(format!(
                 "nodes[{node}]: {} may make many of it, so it stays as it was",
-                instancing::NAME
+                INSTANCING
             ));
             return Ok(None);
         }

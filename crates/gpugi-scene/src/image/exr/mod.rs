@@ -17,8 +17,8 @@ use ::exr::prelude::{Vec2, f16};
 
 use glam::{DMat3, DVec3};
 
-use super::decode::{RADIANCE_TEXEL, check_expansion, check_size};
 use super::primaries::{Chromaticities, rec709_from};
+use super::size::{RADIANCE_TEXEL, check_expansion, check_size};
 use crate::import::budget::ImageLimits;
 use crate::import::quoted;
 use crate::{Image, ImportError, Pixels};

@@ -8,8 +8,9 @@ use std::f32::consts::{FRAC_1_SQRT_2, PI};
 
 use glam::{Mat3, Vec3, vec3};
 
+use super::comparison::{Comparison, mean};
 use super::filter::{Plane, kernel, normalized};
-use super::{Comparison, Picture, mean};
+use super::picture::Picture;
 
 /// Observer: a screen 0.7 m wide with 3840 pixels, viewed from 0.7 m.
 pub const PIXELS_PER_DEGREE: f32 = 0.7 * 3840.0 / 0.7 * PI / 180.0;

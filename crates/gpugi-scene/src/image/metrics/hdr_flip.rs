@@ -5,8 +5,9 @@
 use glam::Vec3;
 
 use super::super::luminance;
+use super::comparison::{Comparison, mean};
 use super::flip::{Evaluator, PIXELS_PER_DEGREE};
-use super::{Comparison, Picture, mean};
+use super::picture::Picture;
 
 /// Narkowicz's fit of the ACES tone curve, (a x^2 + b x) / (c x^2 + d x + e), with the paper's pre-exposure of 0.6.
 const ACES: [f32; 5] = [0.36 * 2.51, 0.6 * 0.03, 0.36 * 2.43, 0.6 * 0.59, 0.14];

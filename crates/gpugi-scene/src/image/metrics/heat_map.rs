@@ -2,7 +2,7 @@
 
 use colorous::MAGMA;
 
-use super::Metric;
+use super::comparison::Metric;
 
 /// The colour scale of relative errors covers this many factors of 10 below 1.
 const DECADES: f64 = 3.0;

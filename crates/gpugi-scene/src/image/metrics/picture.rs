@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::super::decode;
+use super::super::decode::decode_linear;
+use super::super::srgb::linear_from_srgb;
 use crate::{ImportError, Limits, Pixels};
 
 /// Linear Rec. 709 values of a picture, all of them finite.
@@ -50,7 +51,7 @@ impl Picture {
     /// As [`Picture::of_radiance`].
     pub fn of_pixels(width: u32, height: u32, rgba: &[u8]) -> Self {
         let pixels = rgba.as_chunks::<4>().0.iter();
-        let linear = |value: u8| decode::linear_from_srgb(f32::from(value) / 255.0);
+        let linear = |value: u8| linear_from_srgb(f32::from(value) / 255.0);
         let rgb = pixels.flat_map(|&[r, g, b, _]| [r, g, b].map(linear));
         Self {
             display_referred: true,
@@ -84,7 +85,7 @@ impl Picture {
 /// Decodes a picture for comparison. PNG and JPEG are display-referred and linearised from sRGB; HDR, EXR and KTX2 are
 /// radiance. Alpha is ignored and negative values stay. A value that is not finite is an error.
 pub fn decode_picture(name: &str, bytes: &[u8], limits: &Limits) -> Result<Picture, ImportError> {
-    let (image, display_referred) = decode::decode_linear(name, bytes, limits)?;
+    let (image, display_referred) = decode_linear(name, bytes, limits)?;
     let Pixels::Rgba32Float(texels) = image.pixels else {
         unreachable!("linear values are floats")
     };

@@ -1,7 +1,8 @@
 //! Metrics based on squared differences.
 
-use super::super::decode::srgb_from_linear;
-use super::{Comparison, Picture, both_display_referred, mean};
+use super::super::srgb::srgb_from_linear;
+use super::comparison::{Comparison, both_display_referred, mean};
+use super::picture::Picture;
 
 /// Added to the squared reference in relative errors, so that black pixels do not dominate. At a reference of 0.1, an
 /// error has half the weight that it would have without it.

@@ -1,13 +1,12 @@
 //! Structural similarity: Wang, Bovik, Sheikh, Simoncelli, "Image Quality Assessment: From Error Visibility to
 //! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, equation 13 and section III-C.
 
-use super::super::decode::srgb_from_linear;
 use super::super::luminance;
+use super::super::srgb::srgb_from_linear;
+use super::comparison::{Comparison, MetricError, WINDOW, both_display_referred, mean};
 use super::filter::{Plane, kernel, normalized};
-use super::{Comparison, MetricError, Picture, both_display_referred, mean};
+use super::picture::Picture;
 
-/// Side of the Gaussian window (pixels).
-pub const WINDOW: usize = 11;
 /// Standard deviation of the window (pixels).
 const SIGMA: f32 = 1.5;
 /// Stabilise the quotients of means (K1) and of variances (K2); the dynamic range is 1.

@@ -12,7 +12,7 @@ use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
 const SUPPORTED: [&str; 12] = [
-    super::instancing::NAME,
+    INSTANCING,
     "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
     "KHR_materials_emissive_strength",
@@ -25,6 +25,7 @@ const SUPPORTED: [&str; 12] = [
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
+pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 const MESHOPT: &str = "EXT_meshopt_compression";
 
 /// A parsed file with its buffers.

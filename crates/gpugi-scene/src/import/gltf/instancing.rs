@@ -4,13 +4,13 @@ use std::collections::HashSet;
 
 use glam::{DQuat, DVec3};
 
-use super::document::Document;
-use super::nodes::INSTANCE_BYTES;
-use crate::ImportError;
+use super::document::{Document, INSTANCING};
 use crate::animation::{Node, Rig, Transform, unit_rotation};
+use crate::{ImportError, Instance};
 
-pub const NAME: &str = "EXT_mesh_gpu_instancing";
-
+/// Memory of an instance (bytes); names are shared. Two short lists in a file can multiply to a huge number of
+/// instances.
+pub const INSTANCE_BYTES: usize = size_of::<Instance>();
 /// Memory of a place (bytes): its transform as read and as placed, a node of the rig with its entry in the order, and
 /// its pose.
 const PLACE_BYTES: usize = 40 + 3 * size_of::<Transform>() + size_of::<Node>() + 128;
@@ -54,7 +54,7 @@ pub fn places(document: &Document, node: usize) -> Result<Option<Vec<Transform>>
     };
     let mesh_place = format!("nodes[{node}].mesh");
     let mesh = document.get(&document.root.meshes, "mesh", mesh, &mesh_place)?;
-    let place = format!("nodes[{node}].extensions.{NAME}");
+    let place = format!("nodes[{node}].extensions.{INSTANCING}");
     let mut primitives = mesh.primitives.iter();
     if source.skin.is_some() || primitives.any(|primitive| !primitive.targets.is_empty()) {
         document.warn(&place, "a mesh that bends stands only where its node is");

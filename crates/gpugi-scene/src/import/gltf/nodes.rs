@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat, DVec3, Mat4, Vec3};
 
 use super::document::Document;
 use super::geometry::{self, Geometry};
-use super::instancing::{self, Instancing};
+use super::instancing::{self, INSTANCE_BYTES, Instancing};
 use super::material::Materials;
 use super::media::Media;
 use super::{extras, rig, schema};
@@ -18,10 +18,6 @@ use crate::{
     Camera, ImportError, Instance, Light, LightKind, Mesh, Name, Origin, Projection, Resolver,
     Scene,
 };
-
-/// Memory of an instance (bytes); names are shared. Two short lists in a file can multiply to a huge number of
-/// instances.
-pub const INSTANCE_BYTES: usize = size_of::<Instance>();
 
 /// Memory of a morph target's weight (bytes), at rest and posed.
 const WEIGHT_BYTES: usize = 8;

@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::{any_numbers, numbers};
+use super::numbers::{any_numbers, numbers};
 use crate::image::linear_from_srgb;
 use crate::import::budget::Budget;
 use crate::import::quoted;

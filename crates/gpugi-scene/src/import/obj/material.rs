@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
-use super::numbers;
+use super::numbers::numbers;
 use super::texture::{Map, Textures};
 use crate::import::budget::Budget;
 use crate::import::quoted;

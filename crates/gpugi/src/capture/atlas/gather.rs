@@ -4,6 +4,7 @@
 use std::sync::OnceLock;
 
 use super::AtlasCapture;
+use crate::capture::gather::made_once;
 use crate::capture::{Gather, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Named, Shader};
 use crate::scene::GpuScene;
@@ -49,18 +50,11 @@ impl TexelGather {
     ) -> Result<(), GpuError> {
         let mut pieces = texels.into_iter().flat_map(AtlasCapture::pieces);
         let gather = if pieces.any(|piece| piece.points.points == receiver.points.points) {
-            self.own(frame.gpu)?
+            let own = || self.gather.variant(frame.gpu, &[("IS_OWN", 1.0)]);
+            made_once(&self.own, own)?
         } else {
             &self.gather
         };
         gather.record(frame, name, scene, receiver, kept)
-    }
-
-    fn own(&self, gpu: &Gpu) -> Result<&Gather, GpuError> {
-        if let Some(own) = self.own.get() {
-            return Ok(own);
-        }
-        let own = self.gather.variant(gpu, &[("IS_OWN", 1.0)])?;
-        Ok(self.own.get_or_init(|| own))
     }
 }

@@ -195,22 +195,11 @@ impl DepthAtlas {
         }
         // Square, so that a texel is equally wide along both axes of texture coordinates.
         let side = width.max(height).max(1);
-        let texture = gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("depth atlas"),
-            size: wgpu::Extent3d {
-                width: side,
-                height: side,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Depth32Float,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
-                | wgpu::TextureUsages::TEXTURE_BINDING
-                | wgpu::TextureUsages::COPY_SRC,
-            view_formats: &[],
-        })?;
+        let format = wgpu::TextureFormat::Depth32Float;
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::TEXTURE_BINDING
+            | wgpu::TextureUsages::COPY_SRC;
+        let texture = gpu.texture_2d("depth atlas", [side, side, 1], format, usage)?;
         let layer = Layer::texture(gpu, kernels.layer.as_ref(), side)?;
         Self::in_textures(gpu, kernels, specs, texture, layer)
     }

@@ -77,20 +77,8 @@ impl Layer {
         side: u32,
     ) -> Result<wgpu::Texture, GpuError> {
         let side = if kernels.is_some() { side } else { 1 };
-        gpu.texture(&wgpu::TextureDescriptor {
-            label: Some("transmittance"),
-            size: wgpu::Extent3d {
-                width: side,
-                height: side,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        })
+        let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+        gpu.texture_2d("transmittance", [side, side, 1], FORMAT, usage)
     }
 
     pub fn new(

@@ -10,19 +10,9 @@ fn point(instance: u32, material: u32) -> [u32; 12] {
 
 /// Such points, whose triangles have the given provoking vertices.
 fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> Receiver {
-    let hits = gpu.texture(&wgpu::TextureDescriptor {
-        label: Some("hits"),
-        size: wgpu::Extent3d {
-            width: triangles.len() as u32,
-            ..Default::default()
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::R32Uint,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
+    let size = [triangles.len() as u32, 1, 1];
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let hits = gpu.texture_2d("hits", size, wgpu::TextureFormat::R32Uint, usage);
     let hits = hits.unwrap();
     gpu.queue.write_texture(
         hits.as_image_copy(),

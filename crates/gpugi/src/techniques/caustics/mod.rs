@@ -12,7 +12,7 @@ mod tests;
 
 use super::{
     AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, Plan, Purpose, Registration,
-    Role, Speed, Technique, Unready, named,
+    Role, Speed, Technique, Unready, chooses, named,
 };
 use crate::capture::{Gather, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -275,12 +275,9 @@ impl Technique for Caustics {
         let mut most = 0;
         let lights = scene.lights.len() + self.settings.area_samples as usize;
         for (index, object) in scene.objects.iter().enumerate() {
-            let is_mine = match self.settings.objects.as_str() {
-                AUTO => claimed.len() < MOST && (claimed.len() + 1) * lights <= MOST_MAPS,
-                list => object.is_named_by(list),
-            };
+            let has_room = claimed.len() < MOST && (claimed.len() + 1) * lights <= MOST_MAPS;
             // Only ideal reflection and refraction make caustics.
-            if !(is_mine && object.is_smooth) {
+            if !(object.is_smooth && chooses(&self.settings.objects, object, has_room, true)) {
                 continue;
             }
             claimed.push(index as u32);

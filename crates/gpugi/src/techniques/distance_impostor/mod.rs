@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AUTO, Claimed, Earlier, Generated, Info, Inspection, LightState, Map, OwnPoints, Plan,
-    Registration, Role, Technique, Unready, named,
+    Registration, Role, Technique, Unready, chooses, named,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel};
@@ -298,10 +298,8 @@ impl Technique for DistanceImpostor {
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], claimed: &[Claims]) -> Plan {
         let objects = scene.objects.iter().enumerate();
         let list = self.settings.objects.as_str();
-        let is_wanted = |object: &Object| match list {
-            AUTO => object.is_smooth,
-            list => object.is_named_by(list) && !object.is_diffuse,
-        };
+        let is_wanted =
+            |object: &Object| chooses(list, object, object.is_smooth, !object.is_diffuse);
         let is_traced = |index| {
             let claims: Option<&Claims> = claimed.get(index);
             claims.is_some_and(|claims| claims.contains(Claims::RAYS))

@@ -16,7 +16,7 @@ mod tests;
 use super::openness::follow;
 use super::{
     AUTO, Earlier, Generated, Info, Inspection, Map, OpennessLookup, Plan, Provided, Registration,
-    Role, Technique, Unready, named,
+    Role, Technique, Unready, chooses, named,
 };
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, join};
@@ -190,11 +190,7 @@ impl Technique for EnvironmentMap {
                 Refraction::Solids => object.is_solid,
                 Refraction::All => true,
             };
-            let is_mine = match settings.objects.as_str() {
-                AUTO => self.is_whole,
-                list => object.is_named_by(list),
-            };
-            let mine = if is_mine {
+            let mine = if chooses(&settings.objects, object, self.is_whole, true) {
                 Claims::ENVIRONMENT
             } else {
                 Claims::NONE

@@ -4,6 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Mat4, Vec2, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad};
+use gpugi_scene::image::unpack_rgb9e5;
 use gpugi_scene::{Camera, Material, Mesh, Scene};
 
 use super::LightPathMap;
@@ -120,7 +121,7 @@ impl Solver {
         let sum = &words[(texels * clusters) as usize..][..texels as usize];
         let points = self.points().into_iter();
         points
-            .zip(sum.iter().map(|&word| red(word)))
+            .zip(sum.iter().map(|&word| unpack_rgb9e5(word).x))
             .filter(|(point, _)| point.instance != u32::MAX)
             .collect()
     }
@@ -138,11 +139,6 @@ impl Solver {
         let irradiance = &made.irradiance.target.radiance;
         read_buffer(&self.gpu, irradiance, irradiance.size()).unwrap()
     }
-}
-
-/// Red of an rgb9e5.
-fn red(word: u32) -> f32 {
-    (word & 511) as f32 * 2.0_f32.powi((word >> 27) as i32 - 24)
 }
 
 /// Mean by area, and the largest deviation from `expected`, both relative to the mean of `expected`.
@@ -221,7 +217,7 @@ fn depth_maps_see_what_rays_see() {
             let areas: Vec<f32> = solver.points().iter().map(|point| point.area).collect();
             let panes = solver.words()[..8 * texels].to_vec();
             let lit = panes.iter().zip(areas.iter().cycle());
-            lit.map(|(&word, area)| area * red(word))
+            lit.map(|(&word, area)| area * unpack_rgb9e5(word).x)
                 .collect::<Vec<_>>()
         });
         let total: f32 = by_rays.iter().sum();

@@ -12,7 +12,7 @@ mod tests;
 
 use super::{
     AUTO, Cost, Earlier, Figure, Generated, Info, Inspection, Needs, OwnPoints, Plan, Registration,
-    Role, Technique, Unready, distance_impostor, named,
+    Role, Technique, Unready, chooses, distance_impostor, named,
 };
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
@@ -119,10 +119,8 @@ impl Technique for RayTracing {
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         let list = self.settings.objects.as_str();
-        let is_traced = |object: &&Object| match list {
-            AUTO => object.is_smooth,
-            list => object.is_named_by(list) && !object.is_diffuse,
-        };
+        let is_traced =
+            |object: &&Object| chooses(list, object, object.is_smooth, !object.is_diffuse);
         let claim = |object: &Object| {
             let surface = Claims::RAYS | Claims::SPECULAR | Claims::GLOSSY;
             match (is_traced(&object), object.is_transmissive) {

@@ -67,7 +67,7 @@ impl From<Exposure> for String {
 }
 
 impl SettingValue for Exposure {
-    const KIND: Kind = Kind::Text;
+    const KIND: Kind = Kind::NumberOr("auto");
 }
 
 crate::settings! {
