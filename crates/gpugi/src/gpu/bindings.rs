@@ -157,7 +157,7 @@ pub(super) struct BindGroups {
 
 /// What the device keeps.
 #[derive(Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct BindingCache {
     /// The number of the present frame.
     frame: AtomicU64,
     constants: Mutex<Recent<Vec<u8>, wgpu::Buffer>>,
@@ -165,7 +165,7 @@ pub(super) struct Kept {
     groups: Mutex<Vec<Weak<Mutex<BindGroups>>>>,
 }
 
-impl Kept {
+impl BindingCache {
     /// The number of the present frame.
     pub fn now(&self) -> u64 {
         self.frame.load(Ordering::Relaxed)
@@ -302,8 +302,8 @@ impl Gpu {
     ) -> Result<wgpu::Buffer, GpuError> {
         let bytes = bytemuck::bytes_of(data);
         let hash = hash(bytes);
-        let now = self.kept.now();
-        let mut constants = locked(&self.kept.constants);
+        let now = self.bindings.now();
+        let mut constants = locked(&self.bindings.constants);
         if let Some(found) = constants.get(hash, now, |known| known == bytes) {
             return Ok(found.clone());
         }
@@ -315,9 +315,9 @@ impl Gpu {
     /// Number of bind groups and of constants that are kept.
     #[cfg(test)]
     pub(crate) fn kept_count(&self) -> [usize; 2] {
-        let groups = locked(&self.kept.groups);
+        let groups = locked(&self.bindings.groups);
         let groups = groups.iter().filter_map(Weak::upgrade);
         let groups = groups.map(|groups| locked(&groups).groups.0.len()).sum();
-        [groups, locked(&self.kept.constants).0.len()]
+        [groups, locked(&self.bindings.constants).0.len()]
     }
 }

@@ -369,7 +369,7 @@ impl<'a> Frame<'a> {
             });
         }
         gpu.submit(self.encoder.finish());
-        gpu.kept.end_frame();
+        gpu.bindings.end_frame();
         gpu.check()?;
         Ok(timings)
     }

@@ -77,7 +77,7 @@ impl Interface {
             declared,
             layouts,
             pipeline_layout,
-            groups: gpu.kept.bind_groups(),
+            groups: gpu.bindings.bind_groups(),
             gpu: gpu.clone(),
         };
         Ok((interface, reflection))
@@ -136,7 +136,7 @@ impl Interface {
         let (gpu, declared) = (&self.gpu, &self.declared[self.of_scene..]);
         let mut groups = self.groups.lock().unwrap_or_else(PoisonError::into_inner);
         let set = groups.with(
-            gpu.kept.now(),
+            gpu.bindings.now(),
             declared,
             resources,
             |found| bind_all(&gpu.device, &self.name, &self.layouts, declared, found),

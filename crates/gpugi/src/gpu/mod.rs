@@ -74,7 +74,7 @@ pub struct Gpu {
     replaced: Arc<Mutex<Vec<Shader>>>,
     reflections: Arc<shader::Reflections>,
     uploads: Arc<Uploads>,
-    kept: Arc<bindings::Kept>,
+    bindings: Arc<bindings::BindingCache>,
 }
 
 /// Errors that the GPU API reports outside calls that could return them.
@@ -155,7 +155,7 @@ impl Gpu {
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
             reflections: Arc::default(),
-            kept: Arc::default(),
+            bindings: Arc::default(),
         }
     }
 
@@ -393,7 +393,7 @@ impl Gpu {
                 adapter: self.adapter.name.clone(),
             });
         }
-        self.kept.make_way(size);
+        self.bindings.make_way(size);
         self.allocate(label, || {
             self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -548,7 +548,7 @@ impl Gpu {
             }
         }
         let format = descriptor.format;
-        self.kept
+        self.bindings
             .make_way(format.theoretical_memory_footprint(descriptor.size));
         self.allocate(label, || self.device.create_texture(descriptor))
     }

@@ -31,7 +31,7 @@ use textures::{cube, layers};
 
 /// Which maps a technique requests.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wanted {
+pub struct ImpostorRequest {
     /// Indices of the instances that the maps surround and leave out, ascending: the parts of one object, or objects near
     /// each other; none for what is seen from a reference point in the open.
     pub instances: Arc<[u32]>,
@@ -47,7 +47,7 @@ pub struct Wanted {
     pub renewal: Renewal,
 }
 
-impl Wanted {
+impl ImpostorRequest {
     /// Whether the draw is one of the instances that the maps surround.
     fn is_own(&self, draw: &Draw) -> bool {
         self.instances.binary_search(&draw.instance).is_ok()
@@ -146,7 +146,7 @@ pub struct Impostors {
 
 #[derive(Debug)]
 struct ObjectMaps {
-    wanted: Wanted,
+    wanted: ImpostorRequest,
     maps: Maps,
     capture: Capture,
     pyramid: DistancePyramid,
@@ -160,7 +160,7 @@ struct ObjectMaps {
     begun: Option<Begun>,
     /// The renewal that is due.
     planned: Option<Planned>,
-    turns: Vec<Turn>,
+    turns: Vec<FaceGroup>,
     shaped: Option<Shaped>,
     is_shape_due: bool,
     /// The frame of the latest request.
@@ -177,7 +177,7 @@ struct Planned {
 
 /// Faces that are renewed together.
 #[derive(Debug)]
-struct Turn {
+struct FaceGroup {
     faces: Faces,
     captured: Option<RenewalKey>,
 }
@@ -218,7 +218,7 @@ impl Impostors {
         self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
     }
 
-    /// The maps `wanted`, which follow the object as far as that needs no capture, with what [`Wanted::renewal`] finds
+    /// The maps `wanted`, which follow the object as far as that needs no capture, with what [`ImpostorRequest::renewal`] finds
     /// due. `settings_version` as in [`crate::techniques::Earlier`]; `seed` seeds everything stochastic in cubes.
     ///
     /// # Errors
@@ -227,7 +227,7 @@ impl Impostors {
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
-        wanted: &Wanted,
+        wanted: &ImpostorRequest,
         settings_version: u64,
         seed: u32,
     ) -> Result<&Maps, GpuError> {
@@ -262,7 +262,7 @@ impl Impostors {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        wanted: &Wanted,
+        wanted: &ImpostorRequest,
         settings_version: u64,
         seed: u32,
     ) -> Result<(&Maps, u64), GpuError> {
@@ -281,7 +281,12 @@ impl Impostors {
         Ok((&kept.maps, pixels))
     }
 
-    fn make(&self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<ObjectMaps, GpuError> {
+    fn make(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        wanted: ImpostorRequest,
+    ) -> Result<ObjectMaps, GpuError> {
         let distances = |side, cubes| {
             let format = wgpu::TextureFormat::R32Float;
             cube_texture(gpu, "impostor.distances", format, side, 1, cubes)
@@ -303,7 +308,7 @@ impl Impostors {
         let capture = Capture::of_cube(gpu, &self.capture, wanted.side)?;
         let turns = (0..wanted.renewal.turns()).map(|turn| {
             let faces = capture.faces(gpu, wanted.renewal.faces_of(turn))?;
-            Ok(Turn {
+            Ok(FaceGroup {
                 faces,
                 captured: None,
             })
@@ -397,7 +402,7 @@ impl ObjectMaps {
         let (due, faces) = match self.planned.map(|planned| planned.due) {
             None => (None, 0),
             Some(Due::All) => (Some(self.maps.points.clone()), 6),
-            Some(Due::Turn(index)) => {
+            Some(Due::FaceGroup(index)) => {
                 let points = self.maps.turns[index].clone();
                 let faces = self.wanted.renewal.faces_of(index).len() as u64;
                 (
@@ -441,7 +446,7 @@ impl ObjectMaps {
                 }
                 self.maps.renewed = Some(faces.points);
             }
-            Due::Turn(index) => {
+            Due::FaceGroup(index) => {
                 let faces = self.turns[index].faces.clone();
                 if !self.shows(index, &of, scene) {
                     self.capture_faces(frame, scene, store, &faces, of.seed)?;

@@ -83,7 +83,7 @@ pub(super) enum Due {
     /// Everything, from where the object is now.
     All,
     /// The faces of one turn, from the same reference point as before.
-    Turn(usize),
+    FaceGroup(usize),
 }
 
 /// The latest renewal, finished or in progress.
@@ -146,7 +146,7 @@ impl Renewal {
                 next_turn,
                 ..*begun
             };
-            return Some((Due::Turn(next_turn - 1), begun));
+            return Some((Due::FaceGroup(next_turn - 1), begun));
         }
         let is_near = center.distance(begun.center) < self.threshold;
         let mut own_placements = own.iter().filter_map(|&one| placements.get(one as usize));
@@ -168,7 +168,7 @@ impl Renewal {
         let center = if is_near { begun.center } else { center };
         let next_turn = 1;
         Some((
-            Due::Turn(0),
+            Due::FaceGroup(0),
             Begun {
                 center,
                 next_turn,

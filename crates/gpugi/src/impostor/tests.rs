@@ -6,7 +6,7 @@ use glam::{Mat4, Quat, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
 use gpugi_scene::{Material, Scene, Volume};
 
-use super::{Impostors, Maps, Renew, Renewal, Wanted};
+use super::{ImpostorRequest, Impostors, Maps, Renew, Renewal};
 use crate::capture::CaptureKernels;
 use crate::gpu::{Frame, Gpu, TextureAspect, read_texture};
 use crate::scene::GpuScene;
@@ -59,7 +59,7 @@ struct Watched<'a> {
     scene: Scene,
     on_gpu: GpuScene,
     impostors: Impostors,
-    wanted: Wanted,
+    wanted: ImpostorRequest,
 }
 
 /// What one frame did.
@@ -75,7 +75,7 @@ impl<'a> Watched<'a> {
     fn new(gpu: &'a Gpu, scene: Scene, renewal: Renewal) -> Self {
         let on_gpu = GpuScene::new(gpu, &scene).unwrap();
         let kernels = CaptureKernels::new(gpu, &on_gpu).unwrap();
-        let wanted = Wanted {
+        let wanted = ImpostorRequest {
             instances: [GLASS as u32].into(),
             side: SIDE,
             shape_side: Some(SIDE),
@@ -324,7 +324,7 @@ fn shapes_of_one_frame_are_those_of_frames_of_their_own() {
             on_gpu.merge(&mut frame);
             impostors.begin_frame();
             for &instance in instances {
-                let wanted = Wanted {
+                let wanted = ImpostorRequest {
                     instances: [instance].into(),
                     side: SIDE,
                     shape_side: Some(SIDE),

@@ -23,7 +23,7 @@ pub const TABLE_SIDE: u32 = 64;
 
 /// Which maps a technique wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wanted {
+pub struct PrefilteredRequest {
     /// Side of the radiance cube and of the finest level of the glossy maps (texels), a power of two.
     pub resolution: u32,
     /// Sample directions per texel of the glossy maps' first blurred level; twice as many in each coarser level.
@@ -32,7 +32,7 @@ pub struct Wanted {
     pub phong_cosine: bool,
 }
 
-impl Default for Wanted {
+impl Default for PrefilteredRequest {
     fn default() -> Self {
         Self {
             resolution: 256,
@@ -124,7 +124,7 @@ pub struct Prefiltered {
     /// Irradiance, both glossy maps, and albedos.
     views: [wgpu::TextureView; 4],
     sampler: wgpu::Sampler,
-    wanted: Wanted,
+    wanted: PrefilteredRequest,
 }
 
 /// How a gather reads the maps.
@@ -176,7 +176,7 @@ impl Prefiltered {
 #[derive(Debug, Default)]
 pub struct Environments {
     kernels: Option<Kernels>,
-    kept: Vec<Kept>,
+    kept: Vec<FilledMaps>,
     frame: u64,
 }
 
@@ -193,7 +193,7 @@ pub struct Filled {
 
 /// Maps, and how far they are filled.
 #[derive(Debug)]
-struct Kept {
+struct FilledMaps {
     maps: Prefiltered,
     steps: Vec<Step>,
     /// The next step; all are done at their end.
@@ -232,7 +232,7 @@ impl Environments {
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
-        wanted: Wanted,
+        wanted: PrefilteredRequest,
     ) -> Result<&Prefiltered, GpuError> {
         Ok(&self.kept(gpu, scene, wanted)?.maps)
     }
@@ -248,7 +248,7 @@ impl Environments {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        wanted: Wanted,
+        wanted: PrefilteredRequest,
         mut takes: impl FnMut(u64) -> bool,
     ) -> Result<Filled, GpuError> {
         let kept = self.kept(frame.gpu, scene, wanted)?;
@@ -282,7 +282,12 @@ impl Environments {
         Ok(kept.filled)
     }
 
-    fn kept(&mut self, gpu: &Gpu, scene: &GpuScene, wanted: Wanted) -> Result<&mut Kept, GpuError> {
+    fn kept(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        wanted: PrefilteredRequest,
+    ) -> Result<&mut FilledMaps, GpuError> {
         let known = self.kept.iter().position(|one| one.maps.wanted == wanted);
         let index = match known {
             Some(index) => index,
@@ -291,7 +296,7 @@ impl Environments {
                     Some(kernels) => kernels,
                     None => Kernels::new(gpu, scene)?,
                 };
-                let kept = Kept::new(gpu, self.kernels.insert(kernels), wanted)?;
+                let kept = FilledMaps::new(gpu, self.kernels.insert(kernels), wanted)?;
                 self.kept.push(kept);
                 self.kept.len() - 1
             }
@@ -302,8 +307,8 @@ impl Environments {
     }
 }
 
-impl Kept {
-    fn new(gpu: &Gpu, kernels: &Kernels, wanted: Wanted) -> Result<Self, GpuError> {
+impl FilledMaps {
+    fn new(gpu: &Gpu, kernels: &Kernels, wanted: PrefilteredRequest) -> Result<Self, GpuError> {
         let side = wanted.resolution;
         let levels = side.ilog2() + 1;
         // Down to the level whose side is `LAST_GLOSSY_SIDE`, and at least two levels, smooth and rough, if the finest
@@ -439,7 +444,7 @@ pub fn phong_exponent(roughness: f32) -> f32 {
 }
 
 /// The lobe that a level of the glossy maps holds.
-fn lobe(kind: u32, level: u32, levels: u32, wanted: Wanted) -> Lobe {
+fn lobe(kind: u32, level: u32, levels: u32, wanted: PrefilteredRequest) -> Lobe {
     let roughness = level_roughness(level, levels);
     Lobe {
         kind: if level > 0 { kind } else { Lobe::MIRROR },

@@ -12,10 +12,10 @@ fn maps_are_shared_filled_in_slices_and_dropped() {
     scene.environment = Some(Sky::default_sky());
     let scene = GpuScene::new(&gpu, &scene).unwrap();
     let mut environments = Environments::default();
-    let small = |samples| Wanted {
+    let small = |samples| PrefilteredRequest {
         resolution: 16,
         samples,
-        ..Wanted::default()
+        ..PrefilteredRequest::default()
     };
     let of = |environments: &mut Environments, samples| {
         environments
@@ -75,10 +75,10 @@ fn maps_of_a_changing_environment_are_filled() {
     scene.environment = Some(Sky::default_sky());
     let mut scene = GpuScene::new(&gpu, &scene).unwrap();
     let mut environments = Environments::default();
-    let wanted = Wanted {
+    let wanted = PrefilteredRequest {
         resolution: 16,
         samples: 4,
-        ..Wanted::default()
+        ..PrefilteredRequest::default()
     };
     let mut fill = |scene: &GpuScene| {
         environments.begin_frame();

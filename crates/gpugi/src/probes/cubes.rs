@@ -15,7 +15,7 @@ const MOST_KEPT: u64 = 64 << 20;
 
 /// Faces that are captured and lit together: all six of a point, or some of them.
 #[derive(Debug, Clone, Copy)]
-struct Turn {
+struct FaceGroup {
     point: usize,
     faces: usize,
     /// [`ProbeCubes::wanted`] when they were lit; `None`: never.
@@ -70,7 +70,7 @@ pub struct ProbeCubes<B> {
     placing: Option<Placing>,
     /// Whether points have been moved out of solids once.
     was_placed: bool,
-    turns: Vec<Turn>,
+    turns: Vec<FaceGroup>,
     /// Where the next frame goes on.
     next: usize,
     wanted: u64,
@@ -97,9 +97,9 @@ impl<B> ProbeCubes<B> {
     ) -> Result<Self, GpuError> {
         let at_once = faces_per_frame.min(6);
         let turns_per_point = 6_u32.div_ceil(at_once);
-        let turns: Vec<Turn> = (0..positions.len())
+        let turns: Vec<FaceGroup> = (0..positions.len())
             .flat_map(|point| {
-                (0..turns_per_point as usize).map(move |faces| Turn {
+                (0..turns_per_point as usize).map(move |faces| FaceGroup {
                     point,
                     faces,
                     lit: None,
@@ -148,7 +148,7 @@ impl<B> ProbeCubes<B> {
 
     /// Turns that are not lit as they should be, and turns that were never lit.
     pub fn left(&self) -> [usize; 2] {
-        let count = |is_left: &dyn Fn(&Turn) -> bool| {
+        let count = |is_left: &dyn Fn(&FaceGroup) -> bool| {
             self.turns.iter().filter(|turn| is_left(turn)).count()
         };
         [

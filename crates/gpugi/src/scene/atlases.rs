@@ -15,10 +15,10 @@ const MOST_TRIANGLES: usize = 500_000;
 
 /// The atlases of a scene's meshes that techniques keep, and the one that is being laid out.
 #[derive(Debug, Default)]
-pub(super) struct Atlases(Mutex<Kept>);
+pub(super) struct Atlases(Mutex<AtlasCache>);
 
 #[derive(Debug, Default)]
-struct Kept {
+struct AtlasCache {
     shared: Vec<SharedAtlas>,
     /// One at a time: dragging a setting, or bending a mesh in every frame, would start many.
     job: Option<Job>,
@@ -145,7 +145,7 @@ impl GpuScene {
         let most_pages = u32::try_from(most_texels / page).unwrap_or(u32::MAX);
 
         let mut kept = self.kept_atlases();
-        let Kept {
+        let AtlasCache {
             shared,
             job,
             finished,
@@ -229,7 +229,7 @@ impl GpuScene {
         let _ = job;
     }
 
-    fn kept_atlases(&self) -> std::sync::MutexGuard<'_, Kept> {
+    fn kept_atlases(&self) -> std::sync::MutexGuard<'_, AtlasCache> {
         let atlases = &self.atlases.0;
         atlases.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -124,7 +124,7 @@ fn face(d: DVec3) -> usize {
 
 /// The result of a search, as in `Hit` of impostor.wesl.
 #[derive(Debug, Clone, Copy)]
-pub struct Found {
+pub struct Hit {
     pub distance: Option<f64>,
     pub direction: DVec3,
     pub certainty: u32,
@@ -238,7 +238,7 @@ impl Cube {
     }
 
     /// The tutorial's searches: the first version if `is_first`, otherwise the second.
-    pub fn tutorial(&self, is_first: bool, x: DVec3, r: DVec3, iterations: u32) -> Found {
+    pub fn tutorial(&self, is_first: bool, x: DVec3, r: DVec3, iterations: u32) -> Hit {
         let r_distance = 1.0 / self.ratio(r).max(1.0 / FAR);
         let start = if is_first {
             (r_distance - r.dot(x)).max(0.0)
@@ -264,7 +264,7 @@ impl Cube {
             ratio = self.ratio(x + r * d);
         }
         let is_near = (ratio - 1.0).abs() < self.largest_step();
-        Found {
+        Hit {
             distance: (ratio > 0.0).then_some(d),
             direction: (x + r * d).try_normalize().unwrap_or(r),
             certainty: if is_near { SEEN } else { UNSEEN },
@@ -292,7 +292,7 @@ impl Cube {
     }
 
     /// The robust search, in all layers of the cube.
-    pub fn search(&self, x: DVec3, r: DVec3) -> Found {
+    pub fn search(&self, x: DVec3, r: DVec3) -> Hit {
         let first = self.search_layer(0, x, r);
         if first.certainty == SEEN || self.distances.len() < 12 * self.side * self.side {
             return first;
@@ -300,7 +300,7 @@ impl Cube {
         let second = self.search_layer(1, x, r);
         match second.distance {
             Some(d) if second.certainty != UNSEEN && d < 0.999 * first.distance.unwrap_or(FAR) => {
-                Found {
+                Hit {
                     certainty: SECOND,
                     ..second
                 }
@@ -309,7 +309,7 @@ impl Cube {
         }
     }
 
-    fn search_layer(&self, layer: usize, x: DVec3, r: DVec3) -> Found {
+    fn search_layer(&self, layer: usize, x: DVec3, r: DVec3) -> Hit {
         let crossings = self.crossings(x, r);
         let mut hidden_at = None;
         let mut certainty = SEEN;
@@ -324,7 +324,7 @@ impl Cube {
                 None if f0 >= self.largest_step() => hidden_at = Some(d),
                 Some(at) if f0.min(f1) < 0.0 => {
                     if f0 >= 0.0 && at > 0.0 {
-                        return Found {
+                        return Hit {
                             distance: Some(end),
                             direction: (x + r * end).normalize(),
                             certainty: UNSEEN,
@@ -348,14 +348,14 @@ impl Cube {
                         &mut high
                     }) = middle;
                 }
-                return Found {
+                return Hit {
                     distance: Some(high),
                     direction: (x + r * high).normalize(),
                     certainty,
                 };
             }
         }
-        Found {
+        Hit {
             distance: hidden_at.map(|_| FAR),
             direction: r,
             certainty: hidden_at.map_or(certainty, |_| UNSEEN),

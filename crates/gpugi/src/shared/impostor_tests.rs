@@ -6,8 +6,8 @@ use glam::{DVec3, Vec3};
 use wgpu::BindingResource::TextureView;
 
 use super::impostor_cpu::{
-    BOX, BOX_IN_BOX, Cube, FIRST_INNER_WALL, Found, NOTHING, OPEN, PASSED_BEHIND, POLE_IN_BOX,
-    Room, SECOND, SEEN, SPHERE, UNSEEN,
+    BOX, BOX_IN_BOX, Cube, FIRST_INNER_WALL, Hit, NOTHING, OPEN, PASSED_BEHIND, POLE_IN_BOX, Room,
+    SECOND, SEEN, SPHERE, UNSEEN,
 };
 use crate::capture::distance_pyramid::{DistancePyramid, PyramidKernels};
 use crate::gpu::{Frame, Gpu};
@@ -52,7 +52,7 @@ impl Ray {
     }
 }
 
-/// `Found` of testing/impostor.wesl.
+/// `Hit` of testing/impostor.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Output {
@@ -149,7 +149,7 @@ impl<'a> Impostor<'a> {
     }
 }
 
-fn twin(cube: &Cube, version: Version, ray: &Ray) -> Found {
+fn twin(cube: &Cube, version: Version, ray: &Ray) -> Hit {
     let (x, r) = ray.exact();
     match version {
         Version::Robust => cube.search(x, r),

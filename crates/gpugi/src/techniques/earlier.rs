@@ -3,8 +3,8 @@
 use super::{Generated, Layer, MediaSources, Openness, Slice, Technique};
 use crate::capture::{CaptureKernels, Emission, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::impostor::{Impostors, Maps, Wanted as WantedImpostor};
-use crate::prefiltered::{Environments, Prefiltered, Wanted};
+use crate::impostor::{ImpostorRequest, Impostors, Maps};
+use crate::prefiltered::{Environments, Prefiltered, PrefilteredRequest};
 use crate::scene::{GpuScene, Versions};
 
 /// What lies before a technique in the frame. Techniques that light points of their own gather its light.
@@ -161,7 +161,7 @@ impl<'a> Earlier<'a> {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        wanted: &WantedImpostor,
+        wanted: &ImpostorRequest,
         seed: u32,
     ) -> Result<Maps, GpuError> {
         let settings = self.light.settings_version;
@@ -183,7 +183,7 @@ impl<'a> Earlier<'a> {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        wanted: Wanted,
+        wanted: PrefilteredRequest,
         is_read: bool,
     ) -> Result<(&Prefiltered, Generated), GpuError> {
         let (gpu, never_waits, budget) = (frame.gpu, frame.never_waits(), &mut self.budget);

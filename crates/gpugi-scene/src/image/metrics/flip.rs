@@ -45,7 +45,7 @@ pub fn compare(test: &Picture, reference: &Picture) -> Comparison {
 }
 
 /// A picture as the observer perceives it.
-pub struct Seen {
+pub struct Perceived {
     /// L*a*b* after the eye's blur, with the Hunt effect.
     color: Vec<Vec3>,
     /// Strength of edges and of points, per pixel.
@@ -95,7 +95,7 @@ impl Evaluator {
 
     /// Computes how the observer perceives a picture. `display` maps a linear pixel to what the display shows, linear
     /// in 0..1.
-    pub fn seen(&self, picture: &Picture, display: impl Fn(Vec3) -> Vec3) -> Seen {
+    pub fn seen(&self, picture: &Picture, display: impl Fn(Vec3) -> Vec3) -> Perceived {
         let opponent: Vec<Vec3> = picture
             .pixels()
             .iter()
@@ -128,14 +128,14 @@ impl Evaluator {
         };
         let edges = gradient(&self.first_derivative);
         let points = gradient(&self.second_derivative);
-        Seen {
+        Perceived {
             color,
             features: edges.zip(points).map(<[f32; 2]>::from).collect(),
         }
     }
 
     /// The error of each pixel, from 0 to 1: E = E_color^(1 - E_feature) (equation 6).
-    pub fn difference(&self, test: &Seen, reference: &Seen) -> Vec<f32> {
+    pub fn difference(&self, test: &Perceived, reference: &Perceived) -> Vec<f32> {
         let colors = test.color.iter().zip(&reference.color);
         let features = test.features.iter().zip(&reference.features);
         colors

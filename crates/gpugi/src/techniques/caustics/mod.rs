@@ -23,7 +23,7 @@ use crate::scene::{Claims, GpuScene, has_smooth_objects};
 use crate::settings::SettingSet;
 use crate::shader;
 use crate::stage::Stage;
-use object::{Caustic, Making};
+use object::{Caustic, FrameInputs};
 
 /// Name, summary, source and light paths of the technique.
 pub const INFO: Info = Info {
@@ -353,7 +353,7 @@ impl Technique for Caustics {
             maps.check_counts(gpu)?;
         }
         if maps.frames < settings.frames {
-            let making = Making {
+            let making = FrameInputs {
                 scene,
                 kernels: &self.kernels,
                 trace,

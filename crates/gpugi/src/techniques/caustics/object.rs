@@ -10,7 +10,7 @@ use super::lights::{Framing, LightView};
 use super::{Kernels, LEAST_RESOLUTION, MOST_PIXELS, Settings, Tracer};
 use crate::capture::{CaptureKernels, HitImages};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
-use crate::impostor::{Impostors, Renewal, Wanted, gpu as impostor_gpu};
+use crate::impostor::{ImpostorRequest, Impostors, Renewal, gpu as impostor_gpu};
 use crate::lights::gpu::LightSample;
 use crate::scene::{Claims, GpuScene, Object};
 use crate::sequences::low_discrepancy;
@@ -22,7 +22,7 @@ const PHOTONS_AT_ONCE: u64 = 64 << 20;
 #[derive(Debug)]
 pub struct Caustic {
     instance: u32,
-    wanted: Wanted,
+    wanted: ImpostorRequest,
     /// Most surfaces that light meets inside; 0: it is refracted once, or not at all.
     bounces: u32,
     /// Photons per pixel: one mirrored, and one for each bounce inside.
@@ -53,7 +53,7 @@ struct CausticMaps {
 
 /// A light's view of the object, in a map of `side` x `side` pixels; `None` if it does not shine on the object.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct ViewOfObject {
     side: u32,
     view: Option<LightView>,
 }
@@ -68,7 +68,7 @@ struct BatchOf {
 
 /// Inputs shared by the caustics of all objects.
 #[derive(Debug, Clone, Copy)]
-pub struct Making<'a> {
+pub struct FrameInputs<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     /// The pass that follows photons.
@@ -108,7 +108,7 @@ impl Caustic {
         };
         Ok(Self {
             instance: *instance,
-            wanted: Wanted {
+            wanted: ImpostorRequest {
                 // Rays pass by what casts caustics: what lies behind it must be seen.
                 instances: match settings.tracer {
                     Tracer::Maps => [*instance].into(),
@@ -154,13 +154,13 @@ impl Caustic {
     pub fn surround(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         impostors: &mut Impostors,
     ) -> Result<u64, GpuError> {
         if self.is_surrounded {
             return Ok(0);
         }
-        let Making {
+        let FrameInputs {
             scene,
             settings,
             settings_version,
@@ -183,7 +183,7 @@ impl Caustic {
     pub fn keep_maps(
         &self,
         gpu: &Gpu,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         impostors: &mut Impostors,
     ) -> Result<(), GpuError> {
         let version = making.settings_version;
@@ -199,10 +199,10 @@ impl Caustic {
     pub fn generate(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         impostors: &mut Impostors,
     ) -> Result<u64, GpuError> {
-        let Making {
+        let FrameInputs {
             scene,
             kernels,
             settings,
@@ -274,10 +274,10 @@ impl Caustic {
     /// shine on the object; empty if the object is not drawn.
     fn framings<'a>(
         &self,
-        making: Making<'a>,
+        making: FrameInputs<'a>,
         number: u32,
     ) -> impl Iterator<Item = (&'a LightSample, u32, Option<Framing>)> {
-        let Making {
+        let FrameInputs {
             scene,
             settings,
             first_area,
@@ -309,7 +309,7 @@ impl Caustic {
 
     /// The object's views from the lights of frame `number`: one per light that shines on it, and one per sample point
     /// on an emitter, even if it does not shine on the object, because their number must not change.
-    fn views(&self, making: Making<'_>, number: u32) -> Vec<Seen> {
+    fn views(&self, making: FrameInputs<'_>, number: u32) -> Vec<ViewOfObject> {
         let jitter = if making.settings.frames > 1 {
             low_discrepancy(number) - 0.5
         } else {
@@ -325,7 +325,7 @@ impl Caustic {
                 view
             });
             let is_area = index >= making.first_area;
-            (is_area || view.is_some()).then_some(Seen { side, view })
+            (is_area || view.is_some()).then_some(ViewOfObject { side, view })
         });
         views.collect()
     }
@@ -335,7 +335,7 @@ impl Caustic {
         &mut self,
         gpu: &Gpu,
         capture_kernels: &CaptureKernels,
-        views: &[Seen],
+        views: &[ViewOfObject],
     ) -> Result<(), GpuError> {
         let sides: Vec<u32> = views.iter().map(|seen| seen.side).collect();
         let is_right = |made: &CausticMaps| made.images.sides == sides;
@@ -401,12 +401,12 @@ impl CausticMaps {
     fn follow_photons(
         &self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         (cube, bounces): (&LitCube, u32),
-        views: &[Seen],
+        views: &[ViewOfObject],
         resources: &[Named<'_>],
     ) -> Result<(), GpuError> {
-        let Making {
+        let FrameInputs {
             scene,
             kernels,
             settings,
@@ -469,7 +469,7 @@ impl CausticMaps {
     }
 
     /// Writes what the photon passes read of the maps. `step`: flux per count (W).
-    fn write(&self, gpu: &Gpu, views: &[Seen], step: f64) {
+    fn write(&self, gpu: &Gpu, views: &[ViewOfObject], step: f64) {
         let uniforms = views.iter().zip(&self.images.corners);
         let uniforms = uniforms.map(|(seen, &corner)| match seen.view {
             Some(LightView { map, .. }) => CausticMap {

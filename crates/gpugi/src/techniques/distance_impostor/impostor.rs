@@ -7,7 +7,9 @@ use super::groups::{Group, Kind};
 use super::{Lobes, Search, Settings, Show};
 use crate::capture::{Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
-use crate::impostor::{Maps, Wanted, cube_texture, cubes, gpu, layers_of_cube, layers_of_level};
+use crate::impostor::{
+    ImpostorRequest, Maps, cube_texture, cubes, gpu, layers_of_cube, layers_of_level,
+};
 use crate::scene::GpuScene;
 use crate::shader;
 use crate::techniques::Earlier;
@@ -73,7 +75,7 @@ impl Kernels {
 
 /// Inputs shared by the captures of all objects.
 #[derive(Debug, Clone, Copy)]
-pub struct Making<'a> {
+pub struct FrameInputs<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     pub settings: &'a Settings,
@@ -96,7 +98,7 @@ pub struct Impostor {
     /// The first of the objects' instances, and whether there are more.
     instance: u32,
     is_shared: bool,
-    wanted: Wanted,
+    wanted: ImpostorRequest,
     pub kind: Kind,
     radiance: wgpu::Texture,
     /// The cubes of its layers, the layers of its levels, and all as cube maps.
@@ -148,7 +150,7 @@ impl Impostor {
             number,
             instance: group.members[0],
             is_shared: group.members.len() > 1,
-            wanted: Wanted {
+            wanted: ImpostorRequest {
                 instances: group.left_out.clone(),
                 side,
                 shape_side: (group.kind == Kind::Refractor).then_some(settings.shape_resolution),
@@ -185,10 +187,10 @@ impl Impostor {
     pub fn follow(
         &mut self,
         gpu: &Gpu,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let Making {
+        let FrameInputs {
             scene, seed, eye, ..
         } = making;
         let settings = earlier.light.settings_version;
@@ -237,11 +239,11 @@ impl Impostor {
     pub fn show(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
         renews: bool,
     ) -> Result<(), GpuError> {
-        let Making {
+        let FrameInputs {
             scene,
             settings,
             seed,
@@ -318,12 +320,12 @@ impl Impostor {
     pub fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
         is_brief: bool,
         mut add_others: impl FnMut(&mut Frame<'_>, &Receiver) -> Result<(), GpuError>,
     ) -> Result<(), GpuError> {
-        let Making { scene, kernels, .. } = making;
+        let FrameInputs { scene, kernels, .. } = making;
         let (Some(points), Some(maps)) = (&self.due, &self.maps) else {
             return Ok(());
         };

@@ -29,7 +29,7 @@ use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::{Kind, SettingSet, SettingValue};
 use crate::stage::Stage;
 use groups::{Group, Kind as GroupKind};
-use impostor::{Impostor, Kernels, Making};
+use impostor::{FrameInputs, Impostor, Kernels};
 
 /// Lit surroundings in mirrors, glass and gloss, and lights in mirrors and glass.
 const SURROUNDINGS: &str = "L(S|[DG][GS])[GS]*E";
@@ -399,7 +399,7 @@ impl Technique for DistanceImpostor {
         let is_refined = set.revision != light.revision;
         set.revision = light.revision;
         let is_changed = set.light.ask(light.however_refined());
-        let making = Making {
+        let making = FrameInputs {
             scene,
             kernels: &self.kernels,
             settings: &self.settings,

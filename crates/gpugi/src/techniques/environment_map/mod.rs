@@ -21,7 +21,7 @@ use super::{
 use crate::capture::{Gather, Output, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, join};
 use crate::light_paths::{LightClass, LightPaths, overlap};
-use crate::prefiltered::{Lookup, Prefiltered, Wanted};
+use crate::prefiltered::{Lookup, Prefiltered, PrefilteredRequest};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use crate::shader;
@@ -123,8 +123,8 @@ pub struct EnvironmentMap {
 }
 
 impl Settings {
-    fn wanted(&self) -> Wanted {
-        Wanted {
+    fn wanted(&self) -> PrefilteredRequest {
+        PrefilteredRequest {
             resolution: self.resolution,
             samples: self.samples,
             phong_cosine: self.phong_cosine,

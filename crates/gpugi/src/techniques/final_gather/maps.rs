@@ -209,12 +209,12 @@ impl Bench {
     pub fn light(
         &self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
         points: &SurfacePoints,
         work: &gpu::Work,
     ) -> Result<(), GpuError> {
-        let Making {
+        let FrameInputs {
             scene,
             kernels,
             maps,
@@ -243,7 +243,7 @@ impl Bench {
 
 /// Inputs shared by all cubes of a frame.
 #[derive(Debug, Clone, Copy)]
-pub struct Making<'a> {
+pub struct FrameInputs<'a> {
     pub scene: &'a GpuScene,
     pub kernels: &'a Kernels,
     pub maps: &'a Maps,

@@ -5,7 +5,7 @@
 //! point sums the lights of the reference points near it. docs/techniques/final-gather.md.
 
 pub(crate) mod gpu;
-mod made;
+mod lit_probes;
 mod maps;
 mod objects;
 mod own;
@@ -22,7 +22,7 @@ use crate::light_paths::{LightClass, LightPaths, caustic_depth, overlap};
 use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingSet;
 use crate::stage::Stage;
-use made::{Made, Own};
+use lit_probes::{LitProbes, ProbePlan};
 use places::Places;
 pub use settings::{Blend, ReferencePoints, Settings, SolidAngle, Visibility};
 
@@ -65,11 +65,11 @@ pub const REGISTRATION: Registration = Registration {
 #[derive(Debug, Default)]
 pub struct FinalGather {
     settings: Settings,
-    own: Own,
+    own: ProbePlan,
     /// Objects with a reference point, and the number of those that got none.
     claimed: Claimed,
     left_over: usize,
-    lights: Stage<made::Key, Made>,
+    lights: Stage<lit_probes::Key, LitProbes>,
 }
 
 impl FinalGather {
@@ -118,7 +118,7 @@ impl FinalGather {
         let named = scene.objects.iter().enumerate();
         let named = named.filter(|(_, object)| object.is_named_by(list));
         let mut claimed: Vec<u32> = named.map(|(index, _)| index as u32).collect();
-        let most = made::MOST_OBJECTS as usize;
+        let most = lit_probes::MOST_OBJECTS as usize;
         if list == settings::ALL && claimed.len() > most {
             // Rotations do not change the diagonal of a mesh's box, so what turns does not change the choice.
             let mut size = vec![0.0; scene.objects.len()];
@@ -168,7 +168,7 @@ impl Technique for FinalGather {
             ReferencePoints::Objects => Places::Objects,
             ReferencePoints::Camera => Places::Camera,
         };
-        self.own = Own {
+        self.own = ProbePlan {
             places,
             emission: !adds(covered, LightClass::Area, "LDE"),
             environment: !adds(covered, LightClass::Environment, "LDE"),
@@ -224,11 +224,11 @@ impl Technique for FinalGather {
             return Ok(Generated::FINAL);
         }
         let (gpu, before) = (frame.gpu, self.lights.begun());
-        let key = made::key(&self.settings, self.own, &self.claimed, scene, before);
+        let key = lit_probes::key(&self.settings, self.own, &self.claimed, scene, before);
         let capture = earlier.shared.impostors.capture_kernels();
-        let lights = self
-            .lights
-            .compiled(frame, key.clone(), |_| Made::new(gpu, scene, capture, key))?;
+        let lights = self.lights.compiled(frame, key.clone(), |_| {
+            LitProbes::new(gpu, scene, capture, key)
+        })?;
         let eye = view.world_from_view.w_axis.truncate();
         Ok(lights.generate(frame, scene, eye, earlier)?)
     }
@@ -250,7 +250,7 @@ impl Technique for FinalGather {
         let inspection = self
             .lights
             .get()
-            .map_or_else(Inspection::default, Made::inspect);
+            .map_or_else(Inspection::default, LitProbes::inspect);
         Inspection {
             warnings: self.left_over_warning().into_iter().collect(),
             ..inspection

@@ -1,19 +1,19 @@
 //! Reference points in the centres of objects, whose surroundings are captured by the impostors that techniques share.
 
 use super::gpu::Work;
-use super::maps::{Bench, Making};
+use super::maps::{Bench, FrameInputs};
 use super::own::OwnSurface;
 use super::settings::Settings;
 use crate::capture::{CaptureKernels, CubeView, SurfacePoints, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError};
-use crate::impostor::{Renew, Renewal, Wanted};
+use crate::impostor::{ImpostorRequest, Renew, Renewal};
 use crate::techniques::Earlier;
 
 /// An object with a reference point.
 #[derive(Debug)]
 pub struct ObjectPoint {
     instance: u32,
-    wanted: Wanted,
+    wanted: ImpostorRequest,
     bench: Bench,
     /// Unless its own surface is no light.
     own: Option<OwnSurface>,
@@ -43,7 +43,7 @@ impl ObjectPoint {
         let own = has_own.then(|| OwnSurface::new(gpu, capture, side));
         Ok(Self {
             instance,
-            wanted: Wanted {
+            wanted: ImpostorRequest {
                 instances: [instance].into(),
                 side,
                 shape_side: None,
@@ -72,11 +72,11 @@ impl ObjectPoint {
     pub fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
         point: u32,
     ) -> Result<bool, GpuError> {
-        let Making { scene, output, .. } = making;
+        let FrameInputs { scene, output, .. } = making;
         let settings = earlier.light.settings_version;
         let impostors = &mut earlier.shared.impostors;
         let maps = impostors.follow(frame.gpu, scene, &self.wanted, settings, 0)?;

@@ -1,7 +1,7 @@
 //! The own surface of an object, whose lit parts light its other parts.
 
 use super::gpu::Work;
-use super::maps::Making;
+use super::maps::FrameInputs;
 use crate::capture::{Capture, CaptureKernels, CubeView, Output, Receiver, SurfacePoints, Target};
 use crate::gpu::{Frame, Gpu, GpuError, Named};
 use crate::techniques::Earlier;
@@ -33,11 +33,11 @@ impl OwnSurface {
     pub fn light(
         &mut self,
         frame: &mut Frame<'_>,
-        making: Making<'_>,
+        making: FrameInputs<'_>,
         earlier: &mut Earlier<'_>,
         work: &Work,
     ) -> Result<(), GpuError> {
-        let Making {
+        let FrameInputs {
             scene,
             kernels,
             maps,

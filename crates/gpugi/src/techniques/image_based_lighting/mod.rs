@@ -32,7 +32,7 @@ use crate::capture::depth::{ATLAS_SIDE, DepthDrawing, DepthViewSpec, Rasterizer}
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths};
-use crate::prefiltered::{Prefiltered, Wanted};
+use crate::prefiltered::{Prefiltered, PrefilteredRequest};
 use crate::scene::{Claims, GpuScene, Inputs, Versions};
 use crate::settings::SettingSet;
 use crate::stage::Stage;
@@ -326,7 +326,8 @@ impl Technique for ImageBasedLighting {
         if reflectivity != Reflectivity::Ratio || scene.environment.is_none() {
             self.ratio.clear();
         } else {
-            let (found, generated) = earlier.prefiltered(frame, scene, Wanted::default(), true)?;
+            let (found, generated) =
+                earlier.prefiltered(frame, scene, PrefilteredRequest::default(), true)?;
             self.ratio
                 .keep(found.clone(), |_| RatioPass::new(gpu, scene, found))?;
             of_maps = generated;

@@ -109,7 +109,7 @@ pub fn nearest<const K: usize>(
     let widest = counts.max_element();
     let search = |point: Vec3| {
         let centre = cell(point);
-        let mut found = Found::<K>::default();
+        let mut found = Nearest::<K>::default();
         // Rings of cells around that of the point, until nothing nearer can follow.
         for ring in 0..=widest {
             for list in cells_of_ring(centre, ring, counts).map(|at| index(counts, at)) {
@@ -151,12 +151,12 @@ fn cells_of_ring(centre: UVec3, ring: u32, counts: UVec3) -> impl Iterator<Item 
 
 /// The `K` nearest so far, nearest first, those of the lowest number first where they are as near, and their squared
 /// distances.
-struct Found<const K: usize> {
+struct Nearest<const K: usize> {
     nearest: [(u32, f32); K],
     count: usize,
 }
 
-impl<const K: usize> Default for Found<K> {
+impl<const K: usize> Default for Nearest<K> {
     fn default() -> Self {
         Self {
             nearest: [(u32::MAX, f32::INFINITY); K],
@@ -165,7 +165,7 @@ impl<const K: usize> Default for Found<K> {
     }
 }
 
-impl<const K: usize> Found<K> {
+impl<const K: usize> Nearest<K> {
     fn add(&mut self, number: u32, squared: f32) {
         let is_before = |&(other, at): &(u32, f32)| (at, other) < (squared, number);
         let place = self.nearest[..self.count].iter().rposition(is_before);

@@ -33,7 +33,7 @@ use crate::stage::{Stage, shaders};
 use network::{Kernels, Network, Shape};
 use particles::{Particles, Placements};
 use reflecting::Reflecting;
-use seen::{How, Passes, Seen};
+use seen::{How, Passes, SeenMedia};
 use sources::MediaSources;
 
 /// Name, summary, source and light paths of the technique.
@@ -120,7 +120,7 @@ crate::settings! {
 
 /// What particles are made from.
 #[derive(Debug, Clone, PartialEq)]
-struct MadeFrom {
+struct ParticleKey {
     media: u64,
     /// What a medium that fills everything fills.
     bounds: Option<Bounds>,
@@ -135,7 +135,7 @@ struct MadeFrom {
 struct Lit {
     network: Network,
     reflecting: Option<Reflecting>,
-    seen: Seen,
+    seen: SeenMedia,
     /// What is visible, the light that arrives, by the number of samples of area lights, and what surfaces reflect.
     visible: Stage<Versions>,
     arriving: Stage<(Versions, u32)>,
@@ -150,7 +150,7 @@ pub struct ParticipatingMedia {
     passes: Stage<(RayConstants, How), Passes>,
     placements: Placements,
     /// Nothing where no particle is seen.
-    lit: Stage<MadeFrom, Option<Lit>>,
+    lit: Stage<ParticleKey, Option<Lit>>,
     /// Iterations so far since the light was final, and how often it became better.
     progress: u32,
     revision: u64,
@@ -169,9 +169,9 @@ impl Settings {
         self.surfaces && self.most_iterations > 0
     }
 
-    fn made_from(&self, scene: &GpuScene, lights: usize) -> MadeFrom {
+    fn made_from(&self, scene: &GpuScene, lights: usize) -> ParticleKey {
         let fills_everything = scene.media.iter().any(|one| one.world_from_box.is_none());
-        MadeFrom {
+        ParticleKey {
             media: scene.versions.media,
             bounds: fills_everything.then_some(scene.bounds),
             particles: self.particles,
@@ -190,7 +190,7 @@ impl Lit {
     fn new(
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        from: &MadeFrom,
+        from: &ParticleKey,
         placements: &mut Placements,
         lights: &[LightSample],
         before: Option<&Self>,
@@ -210,7 +210,7 @@ impl Lit {
         let reflecting = sees_surfaces.then(|| Reflecting::new(gpu, &network));
         Ok(Some(Self {
             reflecting: reflecting.transpose()?,
-            seen: Seen::new(gpu, &network)?,
+            seen: SeenMedia::new(gpu, &network)?,
             network,
             visible: Stage::default(),
             arriving: Stage::default(),

@@ -21,7 +21,7 @@ pub struct Passes {
 
 /// The media of a network as they are seen.
 #[derive(Debug)]
-pub struct Seen {
+pub struct SeenMedia {
     /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
     scattered: wgpu::Buffer,
     field: wgpu::Buffer,
@@ -74,7 +74,7 @@ impl Passes {
     }
 }
 
-impl Seen {
+impl SeenMedia {
     /// Room for what the passes find out about a network.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl Seen {
         Ok(behind)
     }
 
-    /// Adds the light of media on surfaces to what was gathered since [`Seen::begin`], and adds that to the receiver,
+    /// Adds the light of media on surfaces to what was gathered since [`SeenMedia::begin`], and adds that to the receiver,
     /// dimmed, with what the media scatter and emit: passes `participating-media.surfaces`, `.toward-eye`, `.field`,
     /// `.composite` and `.direct`.
     ///

@@ -2,7 +2,7 @@
 
 use super::Settings;
 use super::gpu::{LANES, MOST_FUNCTIONS};
-use super::light::Made;
+use super::light::ProjectedLight;
 use super::places::Places;
 use super::transfer::Tile;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
@@ -128,7 +128,7 @@ impl Projection {
         scene: &GpuScene,
         directionals: &wgpu::Buffer,
         light: &wgpu::Buffer,
-        made: Made,
+        made: ProjectedLight,
     ) -> Result<(), GpuError> {
         let resources: [Named<'_>; 3] = [
             ("environment", &self.environment),

@@ -26,7 +26,7 @@ pub(super) struct Light {
     /// The image, and for wavelets its rotation, that the cube holds.
     filled: Stage<Versions>,
     /// Environment, sky and lights, and what was made of them.
-    lit: Stage<(Versions, Made)>,
+    lit: Stage<(Versions, ProjectedLight)>,
 }
 
 /// Kernels of a basis.
@@ -38,7 +38,7 @@ enum Projection {
 
 /// What is made of a scene's light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Made {
+pub(super) struct ProjectedLight {
     /// Whether directional lights are projected.
     pub directional_lights: bool,
     /// See [`super::Settings::window`].
@@ -117,7 +117,7 @@ impl Light {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        made: Made,
+        made: ProjectedLight,
     ) -> Result<Option<u64>, GpuError> {
         let light = Inputs::ENVIRONMENT | Inputs::SKY | Inputs::LIGHTS;
         if !self.lit.renew((scene.versions.of(light), made)) {

@@ -201,7 +201,7 @@ impl Technique for RadianceTransfer {
             }
             Ok(made)
         })?;
-        let made_of_light = light::Made {
+        let made_of_light = light::ProjectedLight {
             directional_lights: has_directional_lights(&self.settings, scene),
             window: settings.window,
         };

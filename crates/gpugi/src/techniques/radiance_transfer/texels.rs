@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::compression::{self, Compressed, Compression};
 use super::glossy::{Glossy, GlossyObject};
-use super::light::{Light, Made};
+use super::light::{Light, ProjectedLight};
 use super::places::Places;
 use super::transfer::{self, Transfer};
 use super::{Basis, Cut, INFO, Settings};
@@ -92,7 +92,7 @@ impl LitTexels {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         steps: u32,
-        made_of_light: Made,
+        made_of_light: ProjectedLight,
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, GpuError> {
         self.places.record(frame, scene)?;

@@ -104,7 +104,7 @@ crate::settings! {
 
 /// Direct light that no technique before radiosity adds, so that it starts in the texels themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Own {
+struct OwnLight {
     emission: bool,
     environment: bool,
 }
@@ -113,7 +113,7 @@ struct Own {
 #[derive(Debug)]
 pub struct Radiosity {
     settings: Settings,
-    own: Own,
+    own: OwnLight,
     /// In an atlas, by what of the scene the passes are compiled for.
     texels: Stage<(Same<Atlas>, [bool; 6]), LitTexels>,
     most_texels: u32,
@@ -139,8 +139,8 @@ fn features(scene: &GpuScene) -> [bool; 6] {
 struct LitTexels {
     kernels: Kernels,
     solution: Solution,
-    /// Of what other techniques and [`Own`] light the iterates are.
-    light: Stage<(LightState, Own)>,
+    /// Of what other techniques and [`OwnLight`] light the iterates are.
+    light: Stage<(LightState, OwnLight)>,
     /// Parts of the atlas whose direct light is that.
     lit_parts: usize,
     /// Whether iterates were averaged once, so that the light can be gathered.
@@ -162,7 +162,7 @@ impl Default for Radiosity {
     fn default() -> Self {
         Self {
             settings: Settings::default(),
-            own: Own::default(),
+            own: OwnLight::default(),
             texels: Stage::default(),
             most_texels: MOST_TEXELS,
         }
@@ -226,7 +226,7 @@ impl LitTexels {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        now: (LightState, Own),
+        now: (LightState, OwnLight),
         is_final: bool,
         settings: &Settings,
     ) -> Result<(), Unready> {
@@ -257,7 +257,7 @@ impl LitTexels {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         earlier: &mut Earlier<'_>,
-        own: Own,
+        own: OwnLight,
         work: &gpu::Work,
     ) -> Result<(), GpuError> {
         while !self.is_lit() && earlier.budget.may_step() {
@@ -326,7 +326,7 @@ impl Technique for Radiosity {
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
         let is_covered = |class| overlap(covered, &[LightPaths::new(class, "LDE")]).is_some();
-        self.own = Own {
+        self.own = OwnLight {
             emission: !is_covered(LightClass::Area),
             // Hemicubes do not contain the sky.
             environment: self.settings.mode == Mode::Rays && !is_covered(LightClass::Environment),

@@ -4,7 +4,7 @@ use glam::{UVec3, Vec3};
 use gpugi_scene::Bounds;
 
 use super::gpu;
-use super::maps::{Bench, Kernels, Making, Maps};
+use super::maps::{Bench, FrameInputs, Kernels, Maps};
 use super::objects::ObjectPoint;
 use super::places::Places;
 use super::settings::{Settings, Visibility};
@@ -28,13 +28,13 @@ const WIDEST: u32 = 8192;
 
 /// What reference points and their lights are made for: settings, what the plan decides, whether passes look for media,
 /// and where the points are.
-pub type Key = (Settings, Own, bool, Layout);
+pub type Key = (Settings, ProbePlan, bool, Layout);
 
 /// The reference points and their lights.
 #[derive(Debug)]
-pub struct Made {
+pub struct LitProbes {
     settings: Settings,
-    own: Own,
+    own: ProbePlan,
     layout: Layout,
     kernels: Kernels,
     maps: Maps,
@@ -155,7 +155,7 @@ impl Layout {
 
 /// What the plan decides: where the cubes are, what they show, and whether light bounces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Own {
+pub struct ProbePlan {
     pub places: Places,
     /// Whether cubes show emitters, because no other technique adds their direct light.
     pub emission: bool,
@@ -168,7 +168,7 @@ pub struct Own {
 /// What is to be made; `before`: what was made last.
 pub fn key(
     settings: &Settings,
-    own: Own,
+    own: ProbePlan,
     claimed: &Claimed,
     scene: &GpuScene,
     before: Option<&Key>,
@@ -179,7 +179,7 @@ pub fn key(
     (settings.clone(), own, !scene.media.is_empty(), layout)
 }
 
-impl Made {
+impl LitProbes {
     /// Nothing is lit yet.
     ///
     /// # Errors
@@ -340,7 +340,7 @@ impl Made {
             high: [0.0; 3],
             points: probes.count,
         };
-        let making = Making {
+        let making = FrameInputs {
             scene,
             kernels: &self.kernels,
             maps: &self.maps,
