@@ -6,7 +6,7 @@ use gpugi::Renderer;
 use gpugi::default_set::DefaultSet;
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::light_paths::in_words;
-use gpugi::techniques::{Map, final_gather};
+use gpugi::techniques::Map;
 
 /// GPU milliseconds of a picture's passes. Empty if they were not timed.
 #[derive(Debug, Default)]
@@ -88,6 +88,10 @@ pub fn explain(
                 adds.join("; ")
             }
         );
+        let caveat = technique.info().caveat;
+        if !caveat.is_empty() {
+            println!("  mind: {caveat}");
+        }
         let bytes = inspections.get(name).map_or(0, |inspection| {
             inspection.maps.iter().map(Map::bytes).sum::<u64>() + inspection.work_bytes
         });
@@ -111,12 +115,6 @@ pub fn explain(
         println!("no kind of light of the scene is left out");
     } else {
         println!("not in this picture: {}", left_out.join("; "));
-    }
-    if inspections.contains_key(final_gather::INFO.name) {
-        println!(
-            "{} interpolates between its reference points: among many small objects, indirect light may be missing",
-            final_gather::INFO.name
-        );
     }
     for note in set.iter().flat_map(|set| &set.notes) {
         println!("  {note}");

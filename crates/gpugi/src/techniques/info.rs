@@ -14,6 +14,8 @@ pub struct Info {
     pub summary: &'static str,
     /// Its sources: the tutorial's section and papers.
     pub source: &'static str,
+    /// What of that light may be missing, and where: a few words; empty if nothing is.
+    pub caveat: &'static str,
     /// The light that it can add.
     pub paths: &'static [LightPaths],
     /// What it is for.
@@ -50,6 +52,7 @@ impl Info {
         name: "",
         summary: "",
         source: "",
+        caveat: "",
         paths: &[],
         role: Role::Direct,
         needs: Needs::NOTHING,

@@ -31,6 +31,7 @@ pub const INFO: Info = Info {
     name: "final-gather",
     summary: "indirect light from area lights that a few reference points see, without an atlas and without rays",
     source: "tutorial section 6.2; Szirmay-Kalos and Lazányi 2006",
+    caveat: "its light is interpolated between reference points: among many small objects, some may be missing",
     paths: &[
         LightPaths::new(LightClass::Punctual, "L[DGS]*[DG]E"),
         LightPaths::new(LightClass::Area, "L[DGS]*[DG]E"),
