@@ -10,6 +10,8 @@ pub mod builtin;
 pub mod bvh;
 pub mod camera;
 mod digest;
+pub mod document;
+pub mod edit;
 pub mod error;
 pub mod export;
 mod extent;
@@ -35,6 +37,8 @@ pub mod transfer;
 
 pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, Side, TexelDensity};
 pub use camera::{Camera, Projection};
+pub use document::Document;
+pub use edit::Edit;
 pub use error::ImportError;
 pub use extent::core_of;
 pub use image::{Image, Pixels};
