@@ -167,8 +167,8 @@ pub fn in_words(edit: &Edit, scene: &Scene) -> Vec<String> {
                 word(path("emission"), written(after.emissive));
             }
         }
-        // No words hold a mesh.
-        Edit::Mesh { .. } => {}
+        // No words hold these.
+        Edit::Mesh { .. } | Edit::Lights(_) | Edit::Media(_) | Edit::Camera { .. } => {}
     }
     words
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use glam::{DMat4, Mat3, Mat4, Vec3};
 
-use crate::{Mesh, Scene};
+use crate::{Camera, Edit, Light, Mesh, Scene};
 pub(crate) use rig::JOINT_BYTES;
 pub use rig::{
     Animation, Channel, Deformer, Influences, Interpolation, MorphTarget, Node, Pose, Property,
@@ -18,73 +18,105 @@ pub use rig::{
 };
 
 impl Scene {
-    /// Moves everything to `time_seconds`: instances, lights, cameras, media and meshes that deform. Animations loop.
-    /// Does nothing without a rig. Values that would not be finite are not written, nor boxes of media without volume.
+    /// Moves everything to `time_seconds`: makes the edits of [`Scene::posed`].
     pub fn pose(&mut self, time_seconds: f32) {
-        let Some(rig) = self.rig.take() else {
-            return;
-        };
-        self.pose_by(&rig, time_seconds);
-        self.rig = Some(rig);
+        for edit in self.posed(time_seconds) {
+            edit.apply_to(self);
+        }
     }
 
-    /// As [`Scene::pose`], with a rig beside the scene.
-    pub(crate) fn pose_by(&mut self, rig: &Rig, time_seconds: f32) {
+    /// The edits that move everything to `time_seconds`: instances, lights, cameras, media and meshes that deform.
+    /// Animations loop. None without a rig. Values that would not be finite are left out, and so are boxes of media
+    /// without volume.
+    pub fn posed(&self, time_seconds: f32) -> Vec<Edit> {
+        let rig = self.rig.as_ref();
+        rig.map_or_else(Vec::new, |rig| self.posed_by(rig, time_seconds))
+    }
+
+    /// As [`Scene::posed`], with a rig beside the scene.
+    pub(crate) fn posed_by(&self, rig: &Rig, time_seconds: f32) -> Vec<Edit> {
         let pose = rig.pose(time_seconds);
         let world_from_file = DMat4::from_translation(-self.origin);
         let file_from_node = |node: Option<usize>| pose.file_from_node.get(node?).copied();
-        let place = |target: &mut Mat4,
-                     file_from_space: Option<DMat4>,
-                     convert: fn(Mat4) -> Mat4| {
+        let place = |file_from_space: Option<DMat4>| {
             let world_from_space = file_from_space.map(|space| (world_from_file * space).as_mat4());
-            if let Some(world_from_space) = world_from_space.filter(Mat4::is_finite) {
-                *target = convert(world_from_space);
-            }
+            world_from_space.filter(Mat4::is_finite)
         };
-        for instance in &mut self.instances {
-            let node_from_mesh = DMat4::from_translation(self.meshes[instance.mesh].origin);
-            let file_from_mesh = file_from_node(instance.node).map(|node| node * node_from_mesh);
-            place(&mut instance.world_from_mesh, file_from_mesh, |world| world);
-        }
-        for light in &mut self.lights {
-            place(
-                &mut light.world_from_light,
-                file_from_node(light.node),
-                rigid,
-            );
-        }
-        for camera in &mut self.cameras {
-            place(
-                &mut camera.world_from_view,
-                file_from_node(camera.node),
-                rigid,
-            );
-        }
-        for medium in &mut self.media {
-            if let Some(world_from_box) = &mut medium.world_from_box {
-                let before = *world_from_box;
-                place(world_from_box, file_from_node(medium.node), |world| world);
-                // A box without volume holds nothing, and has no inverse.
-                if !world_from_box.inverse().is_finite() {
-                    *world_from_box = before;
-                }
-            }
-        }
+        let placed = |node: Option<usize>| place(file_from_node(node));
+        let mut edits = Vec::new();
         let skins: Vec<Vec<Mat4>> = (rig.skins.iter())
             .map(|skin| {
                 let world_from_mesh = skin.matrices(&pose).map(|mesh| world_from_file * mesh);
                 world_from_mesh.map(|matrix| matrix.as_mat4()).collect()
             })
             .collect();
+        let mut is_skinned = vec![false; self.instances.len()];
         for deformer in &rig.deformers {
-            let instance = &mut self.instances[deformer.instance];
-            let mesh = Arc::make_mut(&mut self.meshes[instance.mesh]);
-            deformer.morph(&pose.weights[deformer.node], mesh);
+            let index = self.instances[deformer.instance].mesh;
+            let mut mesh = self.meshes[index].as_ref().clone();
+            deformer.morph(&pose.weights[deformer.node], &mut mesh);
             if let Some((skin, influences)) = &deformer.skin {
-                bend(&skins[*skin], influences, mesh);
-                instance.world_from_mesh = Mat4::IDENTITY;
+                bend(&skins[*skin], influences, &mut mesh);
+                is_skinned[deformer.instance] = true;
+            }
+            let mesh = Arc::new(mesh);
+            edits.push(Edit::Mesh { index, mesh });
+        }
+        for (index, instance) in self.instances.iter().enumerate() {
+            let node_from_mesh = DMat4::from_translation(self.meshes[instance.mesh].origin);
+            let file_from_mesh = file_from_node(instance.node).map(|node| node * node_from_mesh);
+            let world_from_mesh = match is_skinned[index] {
+                true => Some(Mat4::IDENTITY),
+                false => place(file_from_mesh),
+            };
+            if let Some(world_from_mesh) = world_from_mesh
+                && world_from_mesh != instance.world_from_mesh
+            {
+                edits.push(Edit::Instance {
+                    index,
+                    world_from_mesh,
+                });
             }
         }
+        for (index, light) in self.lights.iter().enumerate() {
+            if let Some(world_from_light) = placed(light.node).map(rigid)
+                && world_from_light != light.world_from_light
+            {
+                let light = Light {
+                    world_from_light,
+                    ..light.clone()
+                };
+                edits.push(Edit::Light { index, light });
+            }
+        }
+        for (index, camera) in self.cameras.iter().enumerate() {
+            if let Some(world_from_view) = placed(camera.node).map(rigid)
+                && world_from_view != camera.world_from_view
+            {
+                let camera = Camera {
+                    world_from_view,
+                    ..camera.clone()
+                };
+                edits.push(Edit::Camera { index, camera });
+            }
+        }
+        let mut media = self.media.clone();
+        let mut has_moved = false;
+        for medium in &mut media {
+            // A box without volume holds nothing, and has no inverse.
+            let has_volume = |place: &Mat4| place.inverse().is_finite();
+            if let Some(world_from_box) = &mut medium.world_from_box
+                && let Some(place) = placed(medium.node).filter(has_volume)
+                && place != *world_from_box
+            {
+                *world_from_box = place;
+                has_moved = true;
+            }
+        }
+        if has_moved {
+            edits.push(Edit::Media(media));
+        }
+        edits
     }
 }
 

@@ -99,7 +99,9 @@ impl Scene {
     /// lies far from it. `rig`: of the nodes that carry instances, lights, cameras and media.
     pub(crate) fn settle(&mut self, rig: &Rig) {
         self.origin = origin_of(self.corners_in_file(rig, &rig.pose(0.0)));
-        self.pose_by(rig, 0.0);
+        for edit in self.posed_by(rig, 0.0) {
+            edit.apply_to(self);
+        }
     }
 
     /// The boxes of instances and media in the file's coordinates. Skinned meshes are where their joints are.

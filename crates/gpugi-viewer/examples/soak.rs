@@ -103,7 +103,7 @@ fn step(viewer: &mut Viewer, random: &mut Random) -> Result<(), String> {
         return Ok(());
     }
     let session = viewer.session().ok_or("nothing is on show")?;
-    let scene = &session.loaded().scene;
+    let scene = session.loaded().scene();
     let text = match what {
         2..5 => {
             let turn = Vec2::new(random.part() - 0.5, random.part() - 0.5);

@@ -410,7 +410,7 @@ impl App {
             divider(ui, rect, split);
         }
         let camera = session.camera.camera();
-        let seen = (&session.loaded().scene, &camera);
+        let seen = (session.loaded().scene(), &camera);
         let edit = gizmo::show(ui, rect, seen, &mut self.selected);
         if let Some(Err(error)) = edit.map(|edit| session.edit(&edit)) {
             self.complain(error.to_string());
@@ -467,7 +467,7 @@ impl App {
                         Some(Selected::Object(index)) => Some(index),
                         _ => None,
                     };
-                    panels::edits(ui, &session.loaded().scene, object, &mut actions);
+                    panels::edits(ui, session.loaded().scene(), object, &mut actions);
                     panels::performance(ui, session, self.cpu_seconds);
                     self.maps.list(ui, session);
                     panels::keys(ui);

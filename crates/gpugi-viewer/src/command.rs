@@ -128,12 +128,12 @@ fn options(session: &Session, names_of_effects: &[&str]) -> Vec<(&'static str, S
     if session.clock.seconds != 0.0 {
         options.push(("time", session.clock.seconds.to_string()));
     }
-    if let Some(camera) = session.camera.argument(&loaded.scene) {
+    if let Some(camera) = session.camera.argument(loaded.scene()) {
         let is_default = |scene: &Scene| {
             let first = scene.cameras.first();
             first.is_none_or(|first| first.name.as_str() == camera)
         };
-        if !is_default(&loaded.scene) || camera.contains('=') {
+        if !is_default(loaded.scene()) || camera.contains('=') {
             options.push(("camera", camera));
         }
     }

@@ -8,7 +8,7 @@ use gpugi::picture::Effects;
 use gpugi::renderer::Renderer;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, Document, Scene};
 use web_time::Instant;
 
 use crate::pace::{Pace, Purpose};
@@ -67,7 +67,7 @@ pub fn change_environment(
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
     let (gpu, arguments) = (gpu.clone(), arguments.clone());
-    let (mut scene, set) = (current.scene.clone(), current.set.clone());
+    let (mut scene, set) = (current.scene().clone(), current.set.clone());
     let (edits, notes) = (current.edits.clone(), current.notes.clone());
     let file = arguments.environment.clone().unwrap_or_default();
     Task::start(&file.display().to_string(), done, move |stage| async move {
@@ -93,7 +93,7 @@ pub fn upload_again(
     set: TechniqueSet,
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
-    let (gpu, scene) = (gpu.clone(), current.scene.clone());
+    let (gpu, scene) = (gpu.clone(), current.scene().clone());
     let arguments = current.arguments.clone();
     let source = (arguments, current.edits.clone(), current.notes.clone());
     Task::start(subject, done, move |stage| async move {
@@ -121,7 +121,7 @@ async fn renderer(
         arguments,
         edits,
         renderer,
-        scene,
+        document: Document::new(scene),
         set,
         notes,
     })

@@ -67,7 +67,7 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
             for note in &loaded.notes {
                 ui.weak(note);
             }
-            let cameras = &loaded.scene.cameras;
+            let cameras = &loaded.scene().cameras;
             if !cameras.is_empty() {
                 ui.horizontal_wrapped(|ui| {
                     for (index, camera) in cameras.iter().enumerate() {
@@ -82,7 +82,7 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                     }
                 });
             }
-            let duration = loaded.scene.rig.as_ref().map_or(0.0, |rig| rig.duration());
+            let duration = loaded.scene().rig.as_ref().map_or(0.0, |rig| rig.duration());
             if duration > 0.0 {
                 ui.horizontal(|ui| {
                     let clock = &mut session.clock;

@@ -137,7 +137,7 @@ impl Step {
             viewer.change_set(set);
             return Ok(());
         }
-        let scene = &session.loaded().scene;
+        let scene = session.loaded().scene();
         let done = match self {
             Self::Open(_) | Self::Techniques(_) | Self::LoseDevice => Ok(()),
             Self::Orbit(degrees) => {

@@ -14,7 +14,7 @@ use gpugi::scene::Edit;
 use gpugi::techniques::Technique;
 use gpugi::{LightingError, Readiness, Renderer};
 use gpugi_arguments::edits;
-use gpugi_scene::Scene;
+use gpugi_scene::{Document, Scene};
 
 use crate::camera_control::CameraControl;
 use crate::pace::{Pace, Purpose};
@@ -43,13 +43,27 @@ pub struct Loaded {
     /// What was edited since it was read, as `--edit` takes it.
     pub edits: Vec<String>,
     /// The scene.
-    pub scene: Scene,
-    /// Its renderer.
+    pub document: Document,
+    /// Its renderer, which has seen all edits of the document.
     pub renderer: Renderer,
     /// Its techniques.
     pub set: TechniqueSet,
     /// What is to be known about it, one sentence each.
     pub notes: Vec<String>,
+}
+
+impl Loaded {
+    /// The scene as it is now.
+    pub fn scene(&self) -> &Scene {
+        self.document.scene()
+    }
+
+    /// Makes edits that the renderer does not refuse.
+    fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
+        self.renderer.edit(edits)?;
+        self.document.edit(edits);
+        Ok(())
+    }
 }
 
 /// A texture with the last picture.
@@ -119,8 +133,6 @@ pub struct Session {
     pub truth_samples: u32,
     /// Wakes the window when the truth begins.
     wake: Arc<dyn Fn() + Send + Sync>,
-    /// Counts changes of the scene.
-    version: u64,
     readiness: Readiness,
     picture: Option<Picture>,
     displayed: (Effects, Option<Compared>, Option<Quantity>),
@@ -178,7 +190,6 @@ impl Session {
             truth: None,
             truth_samples: 1024,
             wake: Arc::new(wake),
-            version: 0,
             readiness: Readiness::Refining { progress: 0.0 },
             picture: None,
             displayed: (Effects::default(), None, None),
@@ -227,14 +238,13 @@ impl Session {
         self.take(loaded);
     }
 
-    /// Shows the same scene with another renderer, from where the camera stands. `scene` is the scene as it is by now:
-    /// what was edited meanwhile is edited there, too.
+    /// Shows the same scene with another renderer, from where the camera stands. `edits` are those that were made
+    /// meanwhile.
     ///
     /// # Errors
     /// [`LightingError`]; what was on show stays.
-    pub fn replace(&mut self, mut loaded: Loaded, scene: Scene) -> Result<(), LightingError> {
-        loaded.renderer.update(&scene)?;
-        loaded.scene = scene;
+    pub fn replace(&mut self, mut loaded: Loaded, edits: &[Edit]) -> Result<(), LightingError> {
+        loaded.edit(edits)?;
         loaded.edits.clone_from(&self.loaded.edits);
         self.take(loaded);
         Ok(())
@@ -246,7 +256,7 @@ impl Session {
         }
         self.loaded = loaded;
         self.readiness = Readiness::Refining { progress: 0.0 };
-        self.changed();
+        self.is_edited = true;
         // The next one has the shaders of today.
         self.truth = None;
         self.pass_times.clear();
@@ -256,8 +266,9 @@ impl Session {
 
     /// Stands where a camera of the scene stands.
     pub fn stand_at(&mut self, camera: usize) {
-        if let Some(camera) = self.loaded.scene.cameras.get(camera) {
-            self.first = CameraControl::new(camera, &self.loaded.scene.bounds());
+        let scene = self.loaded.scene();
+        if let Some(camera) = scene.cameras.get(camera) {
+            self.first = CameraControl::new(camera, &scene.bounds());
             self.reset_camera();
         }
     }
@@ -295,17 +306,16 @@ impl Session {
     /// # Errors
     /// [`LightingError`]; the scene is as before then.
     pub fn edit(&mut self, edit: &Edit) -> Result<(), LightingError> {
-        self.loaded.renderer.edit(std::slice::from_ref(edit))?;
-        let words = edits::in_words(edit, &self.loaded.scene);
+        let words = edits::in_words(edit, self.loaded.scene());
+        self.loaded.edit(std::slice::from_ref(edit))?;
         self.loaded.edits = edits::followed_by(&self.loaded.edits, words);
-        edit.apply_to(&mut self.loaded.scene);
-        self.changed();
+        self.is_edited = true;
         Ok(())
     }
 
     /// The edits of lights, objects, materials and environment that are on show, as `--edit` takes them.
     pub fn edits(&self) -> Vec<String> {
-        edits::holding(&self.loaded.edits, &self.loaded.scene)
+        edits::holding(&self.loaded.edits, self.loaded.scene())
     }
 
     /// Changes a setting of a technique in use.
@@ -345,19 +355,13 @@ impl Session {
     /// Poses the scene at a time of its animation (s).
     ///
     /// # Errors
-    /// [`LightingError`].
+    /// [`LightingError`]; the scene is as before then.
     pub fn pose(&mut self, seconds: f32) -> Result<(), LightingError> {
+        let edits = self.loaded.scene().posed(seconds);
+        self.loaded.edit(&edits)?;
         self.clock.seconds = seconds;
-        self.loaded.scene.pose(seconds);
-        self.loaded.renderer.update(&self.loaded.scene)?;
-        self.changed();
-        Ok(())
-    }
-
-    /// Notes that the scene is another one now.
-    fn changed(&mut self) {
-        self.version += 1;
         self.is_edited = true;
+        Ok(())
     }
 
     /// Asks what is seen at a place of the picture (0 to 1 from the top left); [`Session::picked`] answers later.

@@ -8,7 +8,7 @@ use gpugi::LightingError;
 use gpugi::gpu::{Gpu, GpuError};
 use gpugi::picture::Comparison;
 use gpugi::reference::{PathTracer, Progress, Settings};
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, Document};
 
 use crate::task::{Task, compiled};
 
@@ -20,8 +20,8 @@ const RAYS: [u64; 2] = [1 << 14, 1 << 26];
 /// A picture to be traced.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Grows with every change of the scene.
-    pub version: u64,
+    /// [`Document::revision`].
+    pub revision: u64,
     /// The camera.
     pub camera: Camera,
     /// Width and height (pixels).
@@ -33,7 +33,7 @@ pub struct View {
 impl View {
     /// Whether the other is the same but for the number of samples.
     fn is_like(&self, other: &Self) -> bool {
-        let of = |one: &Self| (one.version, one.size);
+        let of = |one: &Self| (one.revision, one.size);
         of(self) == of(other) && self.camera == other.camera
     }
 }
@@ -57,9 +57,9 @@ pub struct Truth {
     gpu: Gpu,
     settings: Settings,
     wake: Arc<dyn Fn() + Send + Sync>,
-    /// A path tracer on its way, with the version of its scene.
+    /// A path tracer on its way, with the revision of its scene.
     making: Option<(Making, u64)>,
-    /// The path tracer, with the version of its scene.
+    /// The path tracer, with the revision that it has seen.
     tracer: Option<(PathTracer, u64)>,
     /// What it traces.
     view: Option<View>,
@@ -96,7 +96,7 @@ impl Truth {
         }
     }
 
-    /// Traces a piece of a view of `scene`, in a frame that comes `seconds` after the one before. In motion, a view that
+    /// Traces a piece of a view of the scene as it is now, in a frame that comes `seconds` after the one before. In motion, a view that
     /// has no sample yet is shown before a newer one begins: else nothing would be seen. And a scene that would take an
     /// upload waits for rest: it may be another one in the next frame. Returns whether the picture is better than before.
     ///
@@ -104,7 +104,7 @@ impl Truth {
     /// Why there will be no picture, once.
     pub fn frame(
         &mut self,
-        scene: &Scene,
+        document: &Document,
         view: &View,
         is_moving: bool,
         seconds: f32,
@@ -112,19 +112,19 @@ impl Truth {
         if self.is_broken {
             return Ok(false);
         }
-        let done = self.piece(scene, view, is_moving, seconds);
+        let done = self.piece(document, view, is_moving, seconds);
         self.is_broken = done.is_err();
         done
     }
 
     fn piece(
         &mut self,
-        scene: &Scene,
+        document: &Document,
         view: &View,
         is_moving: bool,
         seconds: f32,
     ) -> Result<bool, LightingError> {
-        if let Some((task, version)) = &self.making {
+        if let Some((task, revision)) = &self.making {
             let Some(made) = task.result() else {
                 return Ok(false);
             };
@@ -133,27 +133,27 @@ impl Truth {
                 pass: "path-tracer".into(),
                 reason,
             };
-            self.tracer = Some((made.map_err(failed)?, *version));
+            self.tracer = Some((made.map_err(failed)?, *revision));
             (self.making, self.view) = (None, None);
         }
-        let Some((mut tracer, mut version)) = self.tracer.take() else {
-            self.make(scene, view);
+        let Some((mut tracer, mut revision)) = self.tracer.take() else {
+            self.make(document, view);
             return Ok(false);
         };
         let is_other = (self.view.as_ref()).is_none_or(|traced| !traced.is_like(view));
         if is_other && (self.view.is_none() || tracer.samples() > 0 || !is_moving) {
-            if version != view.version && !tracer.update(scene)? {
+            if revision != view.revision && !tracer.edit(&document.since(revision))? {
                 self.view = None;
                 if is_moving {
-                    self.tracer = Some((tracer, version));
+                    self.tracer = Some((tracer, revision));
                 } else {
                     // The memory of the last one is free before the next one takes its own.
                     drop(tracer);
-                    self.make(scene, view);
+                    self.make(document, view);
                 }
                 return Ok(false);
             }
-            version = view.version;
+            revision = view.revision;
             if tracer.size() != view.size {
                 tracer.resize(view.size)?;
             }
@@ -196,13 +196,14 @@ impl Truth {
         } else if let Some(reference) = &mut self.reference {
             reference.noise = progress.noise.or(reference.noise);
         }
-        self.tracer = Some((tracer, version));
+        self.tracer = Some((tracer, revision));
         Ok(is_better)
     }
 
     /// Begins to make a path tracer for a view.
-    fn make(&mut self, scene: &Scene, view: &View) {
-        let (gpu, scene, settings) = (self.gpu.clone(), scene.clone(), self.settings.clone());
+    fn make(&mut self, document: &Document, view: &View) {
+        let (gpu, settings) = (self.gpu.clone(), self.settings.clone());
+        let scene = document.scene().clone();
         let (wake, size) = (self.wake.clone(), view.size);
         let done = move || wake();
         let task = Task::start("path-tracer", done, move |stage| async move {
@@ -212,7 +213,7 @@ impl Truth {
             compiled(&gpu, &stage, || tracer.is_compiling()).await;
             Ok(tracer)
         });
-        self.making = Some((task, view.version));
+        self.making = Some((task, view.revision));
     }
 
     /// The last picture, which may be of another view.
@@ -252,13 +253,14 @@ mod tests {
 
     use gpugi::gpu::AdapterChoice;
     use gpugi_scene::builtin::builtin;
+    use gpugi_scene::{Edit, Scene};
 
     use super::*;
 
     /// Frames until the picture of a view is complete.
-    fn traced(truth: &mut Truth, scene: &Scene, view: &View) -> Vec<f32> {
+    fn traced(truth: &mut Truth, document: &Document, view: &View) -> Vec<f32> {
         for _ in 0..10_000 {
-            truth.frame(scene, view, false, 0.01).unwrap();
+            truth.frame(document, view, false, 0.01).unwrap();
             if truth.is_done(view) {
                 return truth.tracer(view).unwrap().radiance().unwrap();
             }
@@ -286,57 +288,64 @@ mod tests {
     #[test]
     fn what_is_dragged_is_traced_in_motion() {
         let Some(gpu) = open() else { return };
-        let mut scene = builtin("room", 1).unwrap();
+        let scene = builtin("room", 1).unwrap();
+        let mut light = scene.lights[0].clone();
+        let mut document = Document::new(scene.clone());
         let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
         let mut view = View {
-            version: 0,
+            revision: 0,
             camera: scene.cameras[0].clone(),
             size: [16, 12],
             samples: 4,
         };
-        traced(&mut truth, &scene, &view);
-        let mut scenes = vec![scene.clone()];
+        traced(&mut truth, &document, &view);
+        let mut scenes = vec![scene];
         let mut pictures = 0;
         while pictures < 4 {
-            scene.lights[0].world_from_light.w_axis.x += 0.001;
+            light.world_from_light.w_axis.x += 0.001;
+            let light = light.clone();
+            document.edit(&[Edit::Light { index: 0, light }]);
             // Another size once in a while, as the pace chooses it.
             view.size = [16 + 4 * (pictures % 2), 12];
-            view.version += 1;
-            scenes.push(scene.clone());
-            assert!(view.version < 10_000, "it never comes");
-            let is_new = truth.frame(&scene, &view, true, 0.01).unwrap();
+            view.revision = document.revision();
+            scenes.push(document.scene().clone());
+            assert!(view.revision < 10_000, "it never comes");
+            let is_new = truth.frame(&document, &view, true, 0.01).unwrap();
             assert!(truth.making.is_none(), "an upload");
             if is_new && truth.reference().unwrap().samples == 1 {
                 pictures += 1;
                 assert!(truth.first_sample().is_some());
                 let of = truth.view.clone().unwrap();
                 let (tracer, _) = truth.tracer.as_ref().unwrap();
-                let expected = expected(&gpu, &scenes[of.version as usize], &of, 1);
+                let expected = expected(&gpu, &scenes[of.revision as usize], &of, 1);
                 assert_eq!(tracer.radiance().unwrap(), expected);
             }
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
         // At rest, the last scene is shown.
-        let found = traced(&mut truth, &scene, &view);
-        assert_eq!(found, expected(&gpu, &scene, &view, 4));
+        let found = traced(&mut truth, &document, &view);
+        assert_eq!(found, expected(&gpu, document.scene(), &view, 4));
         // What takes an upload waits for rest.
-        scene.materials[0].transmission = 1.0;
-        view.version += 1;
+        let mut material = Box::new(document.scene().materials[0].clone());
+        material.transmission = 1.0;
+        document.edit(&[Edit::Material { index: 0, material }]);
+        view.revision = document.revision();
         for _ in 0..20 {
-            assert!(!truth.frame(&scene, &view, true, 0.01).unwrap());
+            assert!(!truth.frame(&document, &view, true, 0.01).unwrap());
             assert!(truth.making.is_none(), "an upload in motion");
         }
-        let found = traced(&mut truth, &scene, &view);
-        assert_eq!(found, expected(&gpu, &scene, &view, 4));
+        let found = traced(&mut truth, &document, &view);
+        assert_eq!(found, expected(&gpu, document.scene(), &view, 4));
     }
 
     #[test]
     fn the_latest_view_is_traced_to_its_end() {
         let Some(gpu) = open() else { return };
-        let scene = builtin("cornell", 1).unwrap();
+        let document = Document::new(builtin("cornell", 1).unwrap());
+        let scene = document.scene();
         let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
         let first = View {
-            version: 0,
+            revision: 0,
             camera: scene.cameras[0].clone(),
             size: [16, 12],
             samples: 8,
@@ -344,14 +353,14 @@ mod tests {
         let mut second = first.clone();
         second.camera.world_from_view.w_axis.x += 0.1;
         for _ in 0..20 {
-            truth.frame(&scene, &first, false, 0.01).unwrap();
+            truth.frame(&document, &first, false, 0.01).unwrap();
         }
         for view in [&second, &first] {
-            let found = traced(&mut truth, &scene, view);
+            let found = traced(&mut truth, &document, view);
             let reference = truth.reference().unwrap();
             assert_eq!(reference.samples, 8);
             assert!(reference.noise.unwrap() > 0.0);
-            assert_eq!(found, expected(&gpu, &scene, view, 8));
+            assert_eq!(found, expected(&gpu, scene, view, 8));
         }
     }
 }

@@ -7,6 +7,7 @@ use gpugi::gpu::Gpu;
 use gpugi::picture::Effects;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
+use gpugi_scene::Edit;
 
 use crate::arguments::{is_view_file, of_view_file};
 use crate::camera_control::CameraControl;
@@ -53,10 +54,10 @@ impl Default for Look {
 enum Kind {
     /// Another scene, with these techniques.
     Scene(SceneArguments, TechniqueSet),
-    /// Another environment for the scene on show.
-    Environment(SceneArguments),
-    /// Other techniques for the scene on show.
-    Techniques,
+    /// Another environment for the scene on show, which had this revision.
+    Environment(SceneArguments, u64),
+    /// Other techniques for the scene on show, which had this revision.
+    Techniques(u64),
     /// What was on show on a device that is lost.
     Renewed(Box<Session>),
 }
@@ -183,7 +184,10 @@ impl Viewer {
         let done = move || wake();
         let current = session.loaded();
         let opening = opening::change_environment(&self.gpu, current, &scene, files, done);
-        self.opening = Some((opening, Kind::Environment(scene)));
+        self.opening = Some((
+            opening,
+            Kind::Environment(scene, current.document.revision()),
+        ));
         Ok(())
     }
 
@@ -194,7 +198,7 @@ impl Viewer {
         let done = move || wake();
         let loaded = session.loaded();
         let opening = opening::upload_again(&self.gpu, "techniques", loaded, set, done);
-        self.opening = Some((opening, Kind::Techniques));
+        self.opening = Some((opening, Kind::Techniques(loaded.document.revision())));
     }
 
     /// Gives up what is being opened.
@@ -238,21 +242,21 @@ impl Viewer {
                 }
                 self.scene = scene;
             }
-            (Kind::Environment(scene), Some(session)) => {
-                let mut edited = session.loaded().scene.clone();
-                edited.environment = loaded.scene.environment.clone();
+            (Kind::Environment(scene, revision), Some(session)) => {
+                let mut edits = session.loaded().document.since(revision);
+                edits.retain(|edit| !matches!(edit, Edit::Environment(_)));
                 session
-                    .replace(loaded, edited)
+                    .replace(loaded, &edits)
                     .map_err(|error| error.to_string())?;
                 self.scene = scene;
             }
-            (Kind::Techniques, Some(session)) => {
-                let edited = session.loaded().scene.clone();
+            (Kind::Techniques(revision), Some(session)) => {
+                let edits = session.loaded().document.since(revision);
                 session
-                    .replace(loaded, edited)
+                    .replace(loaded, &edits)
                     .map_err(|error| error.to_string())?;
             }
-            (Kind::Environment(_) | Kind::Techniques, None) => {}
+            (Kind::Environment(..) | Kind::Techniques(_), None) => {}
             (Kind::Renewed(session), _) => {
                 let wake = self.wake.clone();
                 let session = session.renewed(&self.gpu, loaded, move || wake());
@@ -265,9 +269,9 @@ impl Viewer {
     fn show(&mut self, loaded: Loaded) -> Result<(), String> {
         let look = self.look.take();
         let choice = look.as_ref().and_then(|look| look.camera.as_deref());
-        let view = scene_argument::view(&loaded.scene, choice, 4.0 / 3.0);
+        let view = scene_argument::view(loaded.scene(), choice, 4.0 / 3.0);
         let (camera, target) = view.map_err(|error| format!("{error:#}"))?;
-        let mut camera = CameraControl::new(&camera, &loaded.scene.bounds());
+        let mut camera = CameraControl::new(&camera, &loaded.scene().bounds());
         if let Some(target) = target {
             camera = camera.around(target);
         }

@@ -178,7 +178,7 @@ fn an_environment_that_is_dropped_lights_the_edited_scene() {
     viewer.finish_opening().unwrap();
     std::fs::remove_file(&sky).unwrap();
     let session = viewer.session().unwrap();
-    let scene = &session.loaded().scene;
+    let scene = session.loaded().scene();
     assert_eq!(scene.environment.as_ref().unwrap().image.width, 4);
     assert_eq!(scene.lights[0].position().to_array(), [0.1, 1.5, 0.2]);
     let command = command(session, SIZE);
@@ -258,7 +258,7 @@ fn a_recording_has_complete_frames_at_fixed_times() {
         if frame == 1 {
             let mut scene = builtin("glass-room", 1).unwrap();
             scene.pose(session.clock.seconds);
-            scene.lights.clone_from(&session.loaded().scene.lights);
+            scene.lights.clone_from(&session.loaded().scene().lights);
             let expected = rendered(&gpu, &scene, &["shadow-map"]);
             assert_same(&renderer.radiance().unwrap(), &expected);
         }
@@ -444,7 +444,7 @@ fn a_camera_orbits_around_what_it_shows_in_the_middle() {
         .camera
         .argument(&gpugi_scene::Scene::default())
         .unwrap();
-    let scene = &session.loaded().scene;
+    let scene = session.loaded().scene();
     let (_, target) = scene_argument::view(scene, Some(&words), 1.0).unwrap();
     let eye = session.camera.camera().world_from_view.w_axis.truncate();
     // Within a pixel, along its diagonal.

@@ -198,22 +198,29 @@ impl Lighting {
     /// after changes of the scene; after changes of settings it is called by itself.
     ///
     /// # Errors
-    /// [`LightingError::Needs`]; [`LightingError::Overlap`]: the plans are made all the same, and their light is added
-    /// twice.
+    /// [`LightingError::Needs`], [`LightingError::Overlap`]: the plans and the scene stay as they were. What was changed
+    /// is to be taken back, and this to be called again, because techniques have already planned for it.
     pub fn validate(&mut self, scene: &mut GpuScene) -> Result<(), LightingError> {
         let mut claims = vec![Claims::NONE; scene.objects.len()];
         let mut covered: Vec<LightPaths> = Vec::new();
-        self.plans.clear();
+        let mut plans = Vec::new();
         for technique in &mut self.techniques {
             let plan = technique.plan(scene, &covered, &claims);
             for (all, own) in claims.iter_mut().zip(&plan.claims) {
                 *all = *all | *own;
             }
             covered.extend_from_slice(&plan.paths);
-            self.plans.push(plan);
+            plans.push(plan);
         }
+        self.check(&plans)?;
         scene.assign(&self.gpu, &claims);
-        for (index, plan) in self.plans.iter().enumerate() {
+        self.plans = plans;
+        Ok(())
+    }
+
+    /// Refuses plans that lack what they read or add light twice.
+    fn check(&self, plans: &[Plan]) -> Result<(), LightingError> {
+        for (index, plan) in plans.iter().enumerate() {
             let Some((needed, setting)) = plan.needs else {
                 continue;
             };
@@ -231,7 +238,7 @@ impl Lighting {
         let unclaimed = self
             .techniques
             .iter()
-            .zip(&self.plans)
+            .zip(plans)
             .filter(|(_, plan)| claims_nothing(plan));
         for (index, (second, plan)) in unclaimed.clone().enumerate() {
             for (first, earlier) in unclaimed.clone().take(index) {

@@ -18,7 +18,7 @@ use crate::gpu::{
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
-use crate::scene::{Edit, GpuScene};
+use crate::scene::{Edit, GpuScene, Undo};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
 use tiles::{Tile, tiles};
@@ -158,7 +158,7 @@ impl Renderer {
     }
 
     /// Changes the technique of this type, if it is in use, by its struct: `renderer.change(|shadows: &mut ShadowMap|
-    /// shadows.settings.taps = 32)`.
+    /// shadows.settings.taps = 32)`. Settings that are refused are not kept.
     ///
     /// # Errors
     /// [`LightingError::Overlap`].
@@ -167,10 +167,20 @@ impl Renderer {
         change: impl FnOnce(&mut T),
     ) -> Result<(), LightingError> {
         self.picture.forget();
-        if let Some(technique) = self.lighting.technique_mut() {
-            change(technique);
+        let Some(technique) = self.lighting.technique_mut::<T>() else {
+            return Ok(());
+        };
+        let before = technique.settings().to_json();
+        change(technique);
+        let planned = self.lighting.validate(&mut self.scene);
+        if planned.is_err()
+            && let Some(technique) = self.lighting.technique_mut::<T>()
+        {
+            // These values were valid a moment ago.
+            let _ = technique.settings_mut().replace(before);
+            self.lighting.validate(&mut self.scene)?;
         }
-        self.lighting.validate(&mut self.scene)
+        planned
     }
 
     /// Seeds everything stochastic. The same seed gives the same picture on the same adapter, of a new renderer: maps
@@ -236,10 +246,10 @@ impl Renderer {
     /// Follows the scene to its state `after` ([`GpuScene::update`]); accumulation restarts.
     ///
     /// # Errors
-    /// [`LightingError::Gpu`]; [`LightingError::Overlap`] when techniques would add light twice in the scene as it is
-    /// now.
+    /// [`LightingError::Gpu`]; [`LightingError::Overlap`] and [`LightingError::Needs`] when the techniques do not fit the
+    /// scene as it would be. Nothing has changed then, and accumulation goes on.
     pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
-        self.change_scene(|scene, gpu| scene.update(gpu, after))
+        self.change_scene(|scene, gpu| scene.begin_update(gpu, after))
     }
 
     /// Edits the scene ([`GpuScene::edit`]); accumulation restarts.
@@ -247,14 +257,14 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::update`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
-        self.change_scene(|scene, gpu| scene.edit(gpu, edits))
+        self.change_scene(|scene, gpu| scene.begin_edit(gpu, edits))
     }
 
     /// Changes the scene. Techniques plan anew only if what they plan for has changed: that takes milliseconds, too long
-    /// for every frame of an animation.
+    /// for every frame of an animation. They plan for the scene on the GPU, so what they refuse is taken back there.
     fn change_scene(
         &mut self,
-        change: impl FnOnce(&mut GpuScene, &Gpu) -> Result<(), GpuError>,
+        change: impl FnOnce(&mut GpuScene, &Gpu) -> Result<Undo, GpuError>,
     ) -> Result<(), LightingError> {
         let planned_for = |scene: &GpuScene| {
             let lights = scene.lights.iter().map(|light| light.kind);
@@ -271,12 +281,17 @@ impl Renderer {
             )
         };
         let before = planned_for(&self.scene);
-        self.restart();
-        change(&mut self.scene, &self.gpu)?;
-        if planned_for(&self.scene) == before {
-            return Ok(());
+        let undo = change(&mut self.scene, &self.gpu)?;
+        if planned_for(&self.scene) != before
+            && let Err(refused) = self.lighting.validate(&mut self.scene)
+        {
+            self.scene.undo(&self.gpu, undo)?;
+            // The techniques did fit this scene.
+            self.lighting.validate(&mut self.scene)?;
+            return Err(refused);
         }
-        self.lighting.validate(&mut self.scene)
+        self.restart();
+        Ok(())
     }
 
     /// Light that exists in the scene and that no technique in use adds: a few words each.

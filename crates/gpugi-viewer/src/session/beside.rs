@@ -29,7 +29,7 @@ impl Session {
     /// What the path tracer is to trace.
     fn truth_view(&self) -> View {
         View {
-            version: self.version,
+            revision: self.loaded.document.revision(),
             camera: self.camera.camera(),
             size: self.loaded.renderer.size(),
             samples: match self.loaded.set.is_path_tracer() {
@@ -72,7 +72,7 @@ impl Session {
         }
         let done = match is_moving && !is_alone {
             true => Ok(false),
-            false => truth.frame(&self.loaded.scene, &view, is_moving, seconds),
+            false => truth.frame(&self.loaded.document, &view, is_moving, seconds),
         };
         if let Some(seconds) = truth.first_sample()
             && is_moving

@@ -1,14 +1,38 @@
 //! Checks for input that cannot be rendered.
 
-use gpugi_scene::{LightKind, Material, MaterialModel, Pixels, Scene};
+use std::fmt::Debug;
+
+use glam::Mat4;
+use gpugi_scene::{Edit, Light, LightKind, Material, MaterialModel, Pixels, Scene};
 
 use crate::gpu::GpuError;
 use crate::scene::{check_environment, check_media};
 
 /// Rejects scenes that would silently make the whole image infinite or black.
 pub fn check(scene: &Scene) -> Result<(), GpuError> {
-    check_values(scene)?;
+    scene.lights.iter().try_for_each(check_light)?;
+    scene.materials.iter().try_for_each(check_material)?;
+    for instance in &scene.instances {
+        check_place(&instance.world_from_mesh, &instance.name)?;
+    }
+    check_media(&scene.media)?;
+    check_environment(scene.environment.as_ref())?;
     check_texels(scene)
+}
+
+/// Rejects edits for whose values [`check`] would reject the scene.
+pub fn check_edit(edit: &Edit) -> Result<(), GpuError> {
+    match edit {
+        Edit::Instance {
+            index,
+            world_from_mesh,
+        } => check_place(world_from_mesh, index),
+        Edit::Material { material, .. } => check_material(material),
+        Edit::Light { light, .. } => check_light(light),
+        Edit::Lights(lights) => lights.iter().try_for_each(check_light),
+        // Any upload checks these.
+        Edit::Mesh { .. } | Edit::Environment(_) | Edit::Media(_) | Edit::Camera { .. } => Ok(()),
+    }
 }
 
 /// Rejects images without pixels.
@@ -23,43 +47,40 @@ pub fn check_size(size: [u32; 2]) -> Result<(), GpuError> {
     Ok(())
 }
 
-/// What [`check`] says of all but the environment's image, which takes long.
-pub fn check_values(scene: &Scene) -> Result<(), GpuError> {
-    let refuse = |what: String| Err(GpuError::Input { what });
-    for light in &scene.lights {
-        let is_finite = light.intensity.is_finite()
-            && light.world_from_light.is_finite()
-            && light.radius.is_finite()
-            && !light.range.is_some_and(f32::is_nan)
-            && has_finite_cone(&light.kind);
-        if !is_finite {
-            return refuse(format!("light {:?} is not finite", light.name));
-        }
+fn refuse(what: String) -> Result<(), GpuError> {
+    Err(GpuError::Input { what })
+}
+
+fn check_light(light: &Light) -> Result<(), GpuError> {
+    let is_finite = light.intensity.is_finite()
+        && light.world_from_light.is_finite()
+        && light.radius.is_finite()
+        && !light.range.is_some_and(f32::is_nan)
+        && has_finite_cone(&light.kind);
+    match is_finite {
+        true => Ok(()),
+        false => refuse(format!("light {:?} is not finite", light.name)),
     }
-    for material in &scene.materials {
-        if !material.emissive.is_finite() {
-            return refuse(format!(
-                "the emission of material {:?} is not finite",
-                material.name
-            ));
-        }
-        if !reflects_finitely(material) {
-            return refuse(format!(
-                "what material {:?} reflects or transmits is not finite",
-                material.name
-            ));
-        }
+}
+
+fn check_material(material: &Material) -> Result<(), GpuError> {
+    let name = &material.name;
+    if !material.emissive.is_finite() {
+        return refuse(format!("the emission of material {name:?} is not finite"));
     }
-    for instance in &scene.instances {
-        if !instance.world_from_mesh.is_finite() {
-            return refuse(format!(
-                "the transform of instance {:?} is not finite",
-                instance.name
-            ));
-        }
+    if !reflects_finitely(material) {
+        return refuse(format!(
+            "what material {name:?} reflects or transmits is not finite"
+        ));
     }
-    check_media(scene)?;
-    check_environment(scene.environment.as_ref())
+    Ok(())
+}
+
+fn check_place(world_from_mesh: &Mat4, name: &dyn Debug) -> Result<(), GpuError> {
+    match world_from_mesh.is_finite() {
+        true => Ok(()),
+        false => refuse(format!("the transform of instance {name:?} is not finite")),
+    }
 }
 
 fn check_texels(scene: &Scene) -> Result<(), GpuError> {

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use glam::{Mat4, Quat, Vec3, vec3};
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::{Camera, Environment, Scene};
+use gpugi_scene::{Camera, Document, Edit, Environment, Scene};
 
 use super::{PathTracer, Settings};
 use crate::gpu::Gpu;
@@ -180,4 +180,26 @@ fn what_takes_an_upload_or_other_kernels_is_not_followed() {
     let mut broken = scene.clone();
     broken.lights[0].intensity.x = f32::NAN;
     assert!(new(&gpu, &scene).update(&broken).is_err());
+}
+
+/// Who could not follow one edit follows later ones, if the scene is one to be followed again.
+#[test]
+fn what_was_not_followed_is_made_up_for() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = room();
+    let mut tracer = new(&gpu, &scene);
+    let plain = Box::new(scene.materials[0].clone());
+    let mut glass = plain.clone();
+    glass.transmission = 1.0;
+    let mut light = scene.lights[1].clone();
+    light.intensity *= 3.0;
+    let camera = scene.cameras[0].clone();
+    let mut document = Document::new(scene);
+    let material = |material| Edit::Material { index: 0, material };
+    document.edit(&[material(glass), Edit::Light { index: 1, light }]);
+    assert!(!tracer.edit(&document.since(0)).unwrap());
+    document.edit(&[material(plain)]);
+    assert!(tracer.edit(&document.since(0)).unwrap());
+    let expected = picture(&mut new(&gpu, document.scene()), &camera);
+    assert!(picture(&mut tracer, &camera) == expected);
 }

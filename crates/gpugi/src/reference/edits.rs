@@ -1,26 +1,41 @@
 //! A path tracer that goes on with an edited scene, or with pictures of another size.
 
-use gpugi_scene::Scene;
+use gpugi_scene::{Edit, Scene};
 
 use super::{Pass, PathTracer, check, tiles};
 use crate::gpu::GpuError;
 use crate::lighting::LightingError;
 
 impl PathTracer {
-    /// Takes the scene as it is after edits, and begins its picture anew, if that costs no more than what the edits
-    /// change: instances that move, meshes that deform, lights, factors of materials, and the environment's rotation and
-    /// intensity. Returns false if it would cost more, such as an upload or other kernels: then it renders no more until
-    /// it is updated to a scene that it can follow.
+    /// Edits the scene, and begins its picture anew, if that costs no more than what the edits change: instances that
+    /// move, meshes that deform, lights, factors of materials, and the environment's rotation and intensity. Returns
+    /// false if it would cost more, such as an upload or other kernels: then it renders no more until it has followed
+    /// edits of the same scene, these included, to one that it can show.
     ///
     /// # Errors
     /// As [`PathTracer::new`].
-    pub fn update(&mut self, scene: &Scene) -> Result<bool, LightingError> {
-        check::check_values(scene)?;
-        if !self.scene.can_follow(scene) {
+    pub fn edit(&mut self, edits: &[Edit]) -> Result<bool, LightingError> {
+        self.follow(edits.to_vec())
+    }
+
+    /// As [`PathTracer::edit`], by the edits that lead to the scene `after`. Meshes and images count as unchanged if they
+    /// are shared.
+    ///
+    /// # Errors
+    /// As [`PathTracer::new`].
+    pub fn update(&mut self, after: &Scene) -> Result<bool, LightingError> {
+        match self.scene.edits_to(after) {
+            Some(edits) => self.follow(edits),
+            None => Ok(false),
+        }
+    }
+
+    fn follow(&mut self, edits: Vec<Edit>) -> Result<bool, LightingError> {
+        edits.iter().try_for_each(check::check_edit)?;
+        if !self.scene.follow(&self.gpu, edits)? {
             return Ok(false);
         }
-        self.scene.update(&self.gpu, scene)?;
-        self.lit.follow(scene, &self.scene);
+        self.lit.follow(&self.scene);
         if !self.has_kernels_for_lights() {
             return Ok(false);
         }

@@ -45,7 +45,7 @@ fn ask(
         Some(environment) => Sky::new(&environment.image),
         None => Sky::none(),
     };
-    let table = LightTable::new(scene, &on_gpu, &LightClass::ALL, sky.luminance);
+    let table = LightTable::new(&on_gpu, &LightClass::ALL, sky.luminance);
     let kernel = Kernel::new(
         gpu,
         &shader!("testing.lights"),

@@ -56,7 +56,8 @@ pub struct LightTable {
 
 impl LightTable {
     /// Builds the table from the lights of the given classes. `sky`: [`super::sky::Sky::luminance`].
-    pub fn new(scene: &Scene, on_gpu: &GpuScene, classes: &[LightClass], sky: f64) -> Self {
+    pub fn new(scene: &GpuScene, classes: &[LightClass], sky: f64) -> Self {
+        let kept = scene.kept();
         let mut rows = Vec::new();
         // Powers of nearby lights (W), and irradiances of infinitely distant lights. The two have no common measure.
         let mut powers = Vec::new();
@@ -66,25 +67,25 @@ impl LightTable {
                 powers.push(punctual_power(light));
             }
         }
-        let mut emitter_rows = vec![NONE; scene.instances.len()];
+        let mut emitter_rows = vec![NONE; kept.instances.len()];
         if classes.contains(&LightClass::Area) {
-            for emitter in &on_gpu.emitters {
+            for emitter in &scene.emitters {
                 let instance = emitter.instance as usize;
                 // Only rays find out how much of an emitter with alpha exists, so rays must hit it; next-event
                 // estimation skips it.
-                let material = &scene.materials[scene.instances[instance].material];
+                let material = &kept.materials[kept.instances[instance].material];
                 if material.alpha_mode != AlphaMode::Opaque {
                     continue;
                 }
                 if emitter_rows[instance] == NONE {
                     let first = emitter_rows.len() as u32;
                     emitter_rows[instance] = first;
-                    let mesh = &scene.meshes[scene.instances[instance].mesh];
+                    let mesh = &kept.meshes[kept.instances[instance].mesh];
                     emitter_rows.resize(emitter_rows.len() + mesh.indices.len() / 3, NONE);
                 }
                 let first = emitter_rows[instance];
                 emitter_rows[(first + emitter.primitive) as usize] = rows.len() as u32;
-                rows.push(triangle_row(scene, emitter));
+                rows.push(triangle_row(kept, emitter));
                 powers.push(emitter.power());
             }
         }

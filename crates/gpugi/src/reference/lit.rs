@@ -36,8 +36,7 @@ pub(super) struct Lit {
 impl Lit {
     /// What is to be known of `scene`, for light of some classes. `sky`: [`Sky::luminance`].
     pub fn new(
-        scene: &Scene,
-        on_gpu: &GpuScene,
+        scene: &GpuScene,
         (settings, classes): (&Settings, &[LightClass]),
         sky: f64,
         has_photons: bool,
@@ -47,27 +46,27 @@ impl Lit {
             photon_classes: has_photons.then(|| photons::kept_classes(settings, classes)),
             sky,
             measured: Measured::default(),
-            of: versions(on_gpu),
-            table: LightTable::new(scene, on_gpu, classes, sky),
+            of: versions(scene),
+            table: LightTable::new(scene, classes, sky),
             solids: Vec::new(),
             aims: None,
             has_lamps: false,
         };
-        lit.follow(scene, on_gpu);
+        lit.follow(scene);
         lit
     }
 
-    /// Follows edits: `scene` has the images and the environment's image of the scene before.
-    pub fn follow(&mut self, scene: &Scene, on_gpu: &GpuScene) {
-        let now = versions(on_gpu);
+    /// Follows edits that keep images, the environment's image, too.
+    pub fn follow(&mut self, scene: &GpuScene) {
+        let now = versions(scene);
         if self.of != now {
-            self.table = LightTable::new(scene, on_gpu, &self.classes, self.sky);
+            self.table = LightTable::new(scene, &self.classes, self.sky);
             self.of = now;
         }
-        self.solids = surroundings::solids(scene, on_gpu);
+        self.solids = surroundings::solids(scene);
         if let Some(classes) = &self.photon_classes {
             let rows = &mut self.table.rows;
-            let spheres = photons::spheres(scene, rows, &mut self.measured);
+            let spheres = photons::spheres(scene.kept(), rows, &mut self.measured);
             self.has_lamps = photons::mark_lamps(&spheres, rows);
             self.aims = Aims::new(&spheres, rows, classes, &self.solids);
         }
@@ -87,8 +86,8 @@ pub(super) fn has_straight(scene: &Scene) -> bool {
 }
 
 /// Versions of what the light table is made of.
-fn versions(on_gpu: &GpuScene) -> [u64; 2] {
-    [on_gpu.versions.lights, on_gpu.versions.sky]
+fn versions(scene: &GpuScene) -> [u64; 2] {
+    [scene.versions.lights, scene.versions.sky]
 }
 
 /// The lights that paths are led to, on the GPU.

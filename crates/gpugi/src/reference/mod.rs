@@ -231,7 +231,7 @@ impl PathTracer {
         // Photons do not know media.
         let has_photons = has_photons && scene.media.is_empty();
         let of_settings = (settings, &classes[..]);
-        let lit = Lit::new(scene, &on_gpu, of_settings, sky.luminance, has_photons);
+        let lit = Lit::new(&on_gpu, of_settings, sky.luminance, has_photons);
         let lights = LightBuffers::new(gpu, &lit.table, &sky)?;
         let flag = |set: bool| f64::from(u8::from(set));
         let has_transmission = scene.instances.iter().any(|instance| {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::{DVec3, Mat4, Vec3};
-use gpugi_scene::{Bounds, Mesh, Scene};
+use gpugi_scene::{Bounds, Mesh};
 
 use crate::scene::GpuScene;
 
@@ -22,19 +22,20 @@ pub struct Solid {
 }
 
 /// The solids of a scene.
-pub fn solids(scene: &Scene, on_gpu: &GpuScene) -> Vec<Solid> {
+pub fn solids(scene: &GpuScene) -> Vec<Solid> {
+    let kept = scene.kept();
     let mut solids = Vec::new();
-    for instance in &scene.instances {
-        let material = &scene.materials[instance.material];
+    for instance in &kept.instances {
+        let material = &kept.materials[instance.material];
         if material.transmission <= 0.0 || material.volume.is_none() {
             continue;
         }
-        let (is_closed, bounds) = on_gpu.shape_of_mesh(instance.mesh);
+        let (is_closed, bounds) = scene.shape_of_mesh(instance.mesh);
         if is_closed {
             solids.push(Solid {
                 material: instance.material as u32,
                 bounds: bounds.transformed(&instance.world_from_mesh),
-                mesh: scene.meshes[instance.mesh].clone(),
+                mesh: kept.meshes[instance.mesh].clone(),
                 world_from_mesh: instance.world_from_mesh,
             });
         }
@@ -101,7 +102,7 @@ fn crossing(triangle: &[Vec3; 3], origin: DVec3, direction: DVec3) -> Option<f64
 mod tests {
     use glam::{Mat4, vec3};
     use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
-    use gpugi_scene::{Material, Volume};
+    use gpugi_scene::{Material, Scene, Volume};
 
     use super::*;
     use crate::testing::test_gpu;
@@ -140,7 +141,7 @@ mod tests {
             scene.add_instance("", meshes[0], material, Mat4::from_translation(Vec3::X));
         }
         let on_gpu = GpuScene::with_rays(&gpu, &scene).unwrap();
-        let solids = solids(&scene, &on_gpu);
+        let solids = solids(&on_gpu);
         let at = |x: f32| around(&solids, vec3(x, 0.0, 0.0));
         assert_eq!(at(-0.5), [NONE; 4]);
         assert_eq!(at(0.2), [0, NONE, NONE, NONE]);

@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
+use glam::{Mat4, Vec3};
 use gpugi_scene::builtin::builtin;
+use gpugi_scene::{Environment, Light, Material};
 
 use super::*;
 use crate::techniques::{image_based_lighting, shadow_map};
@@ -167,4 +169,119 @@ fn frames_that_never_wait_wait_for_no_shaders() {
             renderer.restart();
         }
     }
+}
+
+/// Edits that are refused change nothing: neither the picture, nor the maps, nor what later edits start from.
+#[test]
+fn refused_edits_change_nothing() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = builtin("glass-room", 1).unwrap();
+    scene.lights.truncate(1);
+    scene.lights[0].kind = LightKind::Point;
+    let camera = scene.cameras[0].clone();
+    let names = ["shadow-map", "radiance-transfer"].map(str::to_owned);
+    let settings = [
+        ("shadow-map", "resolution", "64"),
+        ("shadow-map", "area-samples", "4"),
+        ("shadow-map", "area-resolution", "32"),
+        ("radiance-transfer", "resolution", "64"),
+        ("radiance-transfer", "rays", "16"),
+        ("radiance-transfer", "directional-lights", "true"),
+    ];
+    let new = |scene: &Scene| {
+        let mut renderer = Renderer::new(&gpu, scene, [24, 18], &names).unwrap();
+        for (technique, name, value) in settings {
+            renderer.set(technique, name, value).unwrap();
+        }
+        renderer
+    };
+    let picture = |renderer: &mut Renderer| {
+        renderer.forget();
+        let go_on = |_, _| ControlFlow::Continue(());
+        renderer.converge(&camera, false, go_on).unwrap();
+        renderer.render_sample(&camera, 1, None, false).unwrap();
+        renderer.radiance().unwrap()
+    };
+    let material = |change: fn(&mut Material)| {
+        let mut material = Box::new(scene.materials[0].clone());
+        change(&mut material);
+        Edit::Material { index: 0, material }
+    };
+    let mut mesh = scene.meshes[0].as_ref().clone();
+    mesh.positions.iter_mut().for_each(|at| *at *= 0.9);
+    let mesh = mesh.into();
+    let place = |index: usize| Edit::Instance {
+        index,
+        world_from_mesh: Mat4::from_translation(Vec3::Y) * scene.instances[index].world_from_mesh,
+    };
+    let light = |kind: LightKind| Light {
+        kind,
+        intensity: scene.lights[0].intensity * 0.5,
+        ..scene.lights[0].clone()
+    };
+    // Both techniques would add the light of a sun.
+    let sun = Edit::Light {
+        index: 0,
+        light: light(LightKind::Directional),
+    };
+    let refused = [
+        vec![sun.clone()],
+        vec![Edit::Lights(vec![light(LightKind::Directional); 2])],
+        // All that is edited in place, one instance twice.
+        vec![
+            place(0),
+            material(|one| (one.roughness, one.emissive) = (0.2, Vec3::ONE)),
+            Edit::Mesh { index: 0, mesh },
+            place(1),
+            place(0),
+            sun.clone(),
+        ],
+        // What takes an upload.
+        vec![place(1), material(|one| one.transmission = 1.0), sun],
+    ];
+    let mut renderer = new(&scene);
+    let before = picture(&mut renderer);
+    let versions = renderer.scene().versions;
+    let is_as_before = |renderer: &mut Renderer, refused: &LightingError| {
+        assert_eq!(renderer.scene().versions, versions, "{refused}");
+        assert_eq!(renderer.samples(), 1, "{refused}");
+        assert!(picture(renderer) == before, "{refused}");
+    };
+    for edits in refused {
+        let refused = renderer.edit(&edits).unwrap_err();
+        assert!(matches!(refused, LightingError::Overlap { .. }));
+        is_as_before(&mut renderer, &refused);
+    }
+    let input = [
+        vec![place(0), Edit::Environment(Environment::default_sky())],
+        vec![
+            place(0),
+            Edit::Light {
+                index: 1,
+                light: light(LightKind::Point),
+            },
+        ],
+    ];
+    for edits in input {
+        let refused = renderer.edit(&edits).unwrap_err();
+        assert!(matches!(
+            refused,
+            LightingError::Gpu(GpuError::Input { .. })
+        ));
+        is_as_before(&mut renderer, &refused);
+    }
+    let edits = [
+        place(1),
+        material(|one| one.roughness = 0.3),
+        Edit::Light {
+            index: 0,
+            light: light(LightKind::Point),
+        },
+    ];
+    renderer.edit(&edits).unwrap();
+    let mut edited = scene.clone();
+    edits.iter().for_each(|edit| edit.apply_to(&mut edited));
+    let after = picture(&mut renderer);
+    assert!(after != before);
+    assert!(after == picture(&mut new(&edited)));
 }

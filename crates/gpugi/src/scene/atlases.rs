@@ -17,13 +17,20 @@ const MOST_TRIANGLES: usize = 500_000;
 #[derive(Debug, Default)]
 pub(super) struct Atlases(Mutex<AtlasCache>);
 
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 struct AtlasCache {
     shared: Vec<SharedAtlas>,
     /// One at a time: dragging a setting, or bending a mesh in every frame, would start many.
     job: Option<Job>,
     /// The latest finished job that made room for another before its atlas was asked for again.
     finished: Option<Job>,
+}
+
+impl Clone for Atlases {
+    fn clone(&self) -> Self {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Self(Mutex::new(kept.clone()))
+    }
 }
 
 impl Atlases {
@@ -39,7 +46,7 @@ impl Atlases {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct SharedAtlas {
     size: u32,
     density: f32,

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use glam::{Mat4, Vec3};
+use glam::Vec3;
 use gpugi_scene::{
-    AlphaMode, Environment, Instance, Light, Material, Medium, Mesh, Scene, TextureRef, core_of,
+    AlphaMode, Edit, Environment, Instance, Material, Medium, Mesh, Scene, TextureRef, core_of,
 };
 
+use super::atlases::Atlases;
 use super::emitters::{emitters, emitters_of};
 use super::environment::{check_environment, environment_texels};
 use super::extent::MOST_BOXES;
@@ -19,73 +20,42 @@ use super::upload::{are_same, is_same_image, is_see_through};
 use super::{GpuScene, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
 
-/// One edit of a scene: replaces a value that the scene already has. Indices are those of the scene on the GPU.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Edit {
-    /// Moves an instance.
-    Instance {
-        /// Index into [`Scene::instances`].
-        index: usize,
-        /// World space (m) from mesh space; affine, may mirror.
-        world_from_mesh: Mat4,
-    },
-    /// Replaces a material. Instances and tables are uploaded again if its textures change, or if its alpha,
-    /// transmission or sidedness change how triangles are drawn.
-    Material {
-        /// Index into [`Scene::materials`].
-        index: usize,
-        /// The new material.
-        material: Box<Material>,
-    },
-    /// Replaces a mesh. Only its vertices and its ray hierarchy are uploaded if the triangles and the number of vertices
-    /// are the same, the mesh stays closed or open, and no instance of it is a sphere.
-    Mesh {
-        /// Index into [`Scene::meshes`].
-        index: usize,
-        /// The new mesh.
-        mesh: Arc<Mesh>,
-    },
-    /// Replaces a punctual light.
-    Light {
-        /// Index into [`Scene::lights`].
-        index: usize,
-        /// The new light.
-        light: Light,
-    },
-    /// Replaces the environment, or its rotation or intensity. Its image is uploaded only if it is not shared with the
-    /// environment before.
-    Environment(Environment),
-}
+/// What takes a change of a scene back: [`GpuScene::undo`].
+#[derive(Debug)]
+pub(crate) struct Undo(Before);
 
-impl Edit {
-    /// Makes the same edit in a scene on the host, whose indices it must have.
-    pub fn apply_to(&self, scene: &mut Scene) {
-        match self.clone() {
-            Self::Instance {
-                index,
-                world_from_mesh,
-            } => scene.instances[index].world_from_mesh = world_from_mesh,
-            Self::Material { index, material } => scene.materials[index] = *material,
-            Self::Mesh { index, mesh } => scene.meshes[index] = mesh,
-            Self::Light { index, light } => scene.lights[index] = light,
-            Self::Environment(environment) => scene.environment = Some(environment),
-        }
-    }
+#[derive(Debug)]
+enum Before {
+    /// Edits that lead back, in this order, and what depends on what they exchange.
+    Edits(Vec<Edit>, Versions, Atlases),
+    /// The scene before an upload.
+    Scene(Box<GpuScene>),
 }
 
 impl GpuScene {
-    /// Applies edits in order and counts what changed. If one is refused, all are.
+    /// Applies edits in order and counts what changed. If one is refused, all are. A material has instances and tables
+    /// uploaded again if its textures change, or if its alpha, transmission or sidedness change how triangles are
+    /// drawn. Of a mesh, only vertices and its ray hierarchy are uploaded if the triangles and the number of vertices
+    /// are the same, the mesh stays closed or open, and no instance of it is a sphere. Images and densities that are
+    /// shared with those before are not uploaded.
     ///
     /// # Errors
     /// [`GpuError::Input`] for an index that the scene does not have and for values from which no light can be
-    /// computed; nothing has changed then. Otherwise as [`GpuScene::new`].
+    /// computed; otherwise as [`GpuScene::new`]. Nothing has changed then.
     pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
+        self.begin_edit(gpu, edits).map(|_| ())
+    }
+
+    /// As [`GpuScene::edit`]; returns what takes it back.
+    ///
+    /// # Errors
+    /// As [`GpuScene::edit`].
+    pub(crate) fn begin_edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<Undo, GpuError> {
         for edit in edits {
             self.check(edit)?;
         }
         if edits.iter().all(|edit| self.can_apply(edit)) {
-            self.apply(gpu, edits)?;
-            return Ok(());
+            return self.apply(gpu, edits.to_vec());
         }
         let mut after = Scene {
             lights: self.lights.clone(),
@@ -93,11 +63,12 @@ impl GpuScene {
             media: self.media.clone(),
             ..self.host.clone()
         };
-        for edit in edits {
+        // Those of cameras are for others.
+        let known = |edit: &&Edit| !matches!(edit, Edit::Camera { .. });
+        for edit in edits.iter().filter(known) {
             edit.apply_to(&mut after);
         }
-        self.replace(gpu, &after)?;
-        Ok(())
+        self.replace(gpu, &after)
     }
 
     /// Updates the scene to `after` and counts what changed. Meshes and images count as unchanged if they are shared:
@@ -105,38 +76,80 @@ impl GpuScene {
     /// and tables are uploaded again, and so are meshes, images and the environment's image that are not shared.
     ///
     /// # Errors
-    /// As [`GpuScene::new`].
+    /// As [`GpuScene::new`]. Nothing has changed then.
     pub fn update(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
+        self.begin_update(gpu, after).map(|_| ())
+    }
+
+    /// As [`GpuScene::update`]; returns what takes it back.
+    ///
+    /// # Errors
+    /// As [`GpuScene::update`].
+    pub(crate) fn begin_update(&mut self, gpu: &Gpu, after: &Scene) -> Result<Undo, GpuError> {
         check_environment(after.environment.as_ref())?;
-        check_media(after)?;
+        check_media(&after.media)?;
         match self.edits_to(after) {
-            Some(edits) if edits.iter().all(|edit| self.can_apply(edit)) => {
-                self.apply(gpu, &edits)?;
+            Some(edits) if edits.iter().all(|edit| self.can_apply(edit)) => self.apply(gpu, edits),
+            _ => self.replace(gpu, after),
+        }
+    }
+
+    /// As [`GpuScene::edit`], if that writes only what has changed: no image, no table, and of meshes only those that
+    /// deform. Otherwise nothing changes, and it returns false.
+    ///
+    /// # Errors
+    /// As [`GpuScene::edit`].
+    pub(crate) fn follow(&mut self, gpu: &Gpu, edits: Vec<Edit>) -> Result<bool, GpuError> {
+        let uploads = |edit: &Edit| match edit {
+            Edit::Environment(after) => !is_same_image(self.environment.as_ref(), Some(after)),
+            Edit::Media(after) => !have_same_grids(&self.media, after),
+            _ => false,
+        };
+        for edit in &edits {
+            self.check(edit)?;
+            if uploads(edit) || !self.can_apply(edit) {
+                return Ok(false);
             }
-            _ => self.replace(gpu, after)?,
         }
-        if self.lights != after.lights {
-            self.lights.clone_from(&after.lights);
-            self.versions.lights += 1;
+        self.apply(gpu, edits).map(|_| true)
+    }
+
+    /// Takes the last change back. What was made of the scene before it is current again.
+    ///
+    /// # Errors
+    /// As [`GpuScene::new`].
+    pub(crate) fn undo(&mut self, gpu: &Gpu, undo: Undo) -> Result<(), GpuError> {
+        match undo.0 {
+            Before::Scene(before) => {
+                *self = *before;
+                self.renew_top_level(gpu)
+            }
+            Before::Edits(mut edits, versions, atlases) => {
+                let done = self.exchange(gpu, &mut edits);
+                (self.versions, self.atlases) = (versions, atlases);
+                for placement in &mut self.placements {
+                    for since in [&mut placement.moved, &mut placement.bent] {
+                        *since = versions.geometry.min(*since);
+                    }
+                }
+                done
+            }
         }
-        if self.media != after.media {
-            self.set_media(gpu, &after.media)?;
+    }
+
+    /// Builds the top level of the ray hierarchy again: an upload of other instances has overwritten it.
+    fn renew_top_level(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        if let Some(rays) = &self.rays {
+            let rays = rays.with_instances(gpu, &self.host)?;
+            self.set_rays(gpu, rays);
+            gpu.write(&self.header, 0, &[self.header_values]);
         }
         Ok(())
     }
 
-    /// Whether [`GpuScene::update`] to `after` writes only what has changed: no image, no table, and of meshes only those
-    /// that deform.
-    pub(crate) fn can_follow(&self, after: &Scene) -> bool {
-        let edits = self.edits_to(after);
-        is_same_image(self.environment.as_ref(), after.environment.as_ref())
-            && have_same_grids(&self.media, &after.media)
-            && edits.is_some_and(|edits| edits.iter().all(|edit| self.can_apply(edit)))
-    }
-
-    /// The edits that lead to `after`, except for its lights and media; `None` if the number of things or the textures
-    /// differ.
-    fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
+    /// The edits that lead to `after`, whose values [`GpuScene::update`] checks; `None` if the number of things or the
+    /// textures differ.
+    pub(crate) fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
         let before = &self.host;
         let made_of = |one: &Instance| (one.mesh, one.material, one.is_sphere);
         let is_named_as =
@@ -171,8 +184,16 @@ impl GpuScene {
             world_from_mesh: instance.world_from_mesh,
         });
         let environment = after.environment.clone().map(Edit::Environment);
-        let edits = meshes.chain(materials).chain(instances).chain(environment);
-        Some(edits.collect())
+        let lights = (self.lights != after.lights).then(|| Edit::Lights(after.lights.clone()));
+        let media = (self.media != after.media).then(|| Edit::Media(after.media.clone()));
+        let edits = meshes.chain(materials).chain(instances);
+        Some(
+            edits
+                .chain(environment)
+                .chain(lights)
+                .chain(media)
+                .collect(),
+        )
     }
 
     fn check(&self, edit: &Edit) -> Result<(), GpuError> {
@@ -187,6 +208,8 @@ impl GpuScene {
                 let count = usize::from(self.environment.is_some());
                 ("environment", 0, count)
             }
+            Edit::Media(media) => return check_media(media),
+            Edit::Lights(_) | Edit::Camera { .. } => return Ok(()),
         };
         if index >= count {
             return refused(format!("there is no {thing} {index} to edit, but {count}"));
@@ -250,35 +273,43 @@ impl GpuScene {
                     && before.indices == mesh.indices
                     && self.geometry.meshes[*index].closed == mesh.is_closed()
             }
-            Edit::Light { .. } | Edit::Environment(_) => true,
+            Edit::Light { .. }
+            | Edit::Lights(_)
+            | Edit::Environment(_)
+            | Edit::Media(_)
+            | Edit::Camera { .. } => true,
         }
     }
 
-    /// Applies edits for which [`GpuScene::can_apply`] holds.
-    fn apply(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
+    /// Applies edits for which [`GpuScene::can_apply`] holds, or none.
+    fn apply(&mut self, gpu: &Gpu, mut edits: Vec<Edit>) -> Result<Undo, GpuError> {
+        let (versions, atlases) = (self.versions, self.atlases.clone());
+        let done = self.exchange(gpu, &mut edits);
+        edits.reverse();
+        let undo = Undo(Before::Edits(edits, versions, atlases));
+        match done {
+            Ok(()) => Ok(undo),
+            Err(error) => {
+                // What has failed may fail again, but leaves what was there before.
+                let _ = self.undo(gpu, undo);
+                Err(error)
+            }
+        }
+    }
+
+    /// Gives the scene the values of edits, and the edits those of the scene: in reverse order they lead back. After an
+    /// error, only those edits are left that have been exchanged.
+    fn exchange(&mut self, gpu: &Gpu, edits: &mut Vec<Edit>) -> Result<(), GpuError> {
         let header = self.header_values;
         let mut moved = Vec::new();
         let mut has_good_trees = true;
-        for edit in edits {
-            match edit {
-                Edit::Instance {
-                    index,
-                    world_from_mesh,
-                } => {
-                    self.host.instances[*index].world_from_mesh = *world_from_mesh;
-                    moved.push(*index);
+        for index in 0..edits.len() {
+            match self.exchange_one(gpu, &mut edits[index], &mut moved) {
+                Ok(has_good_tree) => has_good_trees &= has_good_tree,
+                Err(error) => {
+                    edits.truncate(index + 1);
+                    return Err(error);
                 }
-                Edit::Material { index, material } => self.set_material(gpu, *index, material),
-                Edit::Mesh { index, mesh } => {
-                    has_good_trees &= self.bend(gpu, *index, mesh, &mut moved)?;
-                }
-                Edit::Light { index, light } => {
-                    if self.lights[*index] != *light {
-                        self.lights[*index] = light.clone();
-                        self.versions.lights += 1;
-                    }
-                }
-                Edit::Environment(environment) => self.set_environment(gpu, environment)?,
             }
         }
         if let Some(rays) = self.rays.as_ref().filter(|_| !has_good_trees) {
@@ -292,6 +323,44 @@ impl GpuScene {
             gpu.write(&self.header, 0, &[self.header_values]);
         }
         Ok(())
+    }
+
+    /// Exchanges the value of one edit, and adds the instances that it moves to `moved`, which are yet to be placed.
+    /// Returns false if the ray hierarchies should be built again.
+    fn exchange_one(
+        &mut self,
+        gpu: &Gpu,
+        edit: &mut Edit,
+        moved: &mut Vec<usize>,
+    ) -> Result<bool, GpuError> {
+        match edit {
+            Edit::Instance {
+                index,
+                world_from_mesh,
+            } => {
+                let place = &mut self.host.instances[*index].world_from_mesh;
+                std::mem::swap(place, world_from_mesh);
+                moved.push(*index);
+            }
+            Edit::Material { index, material } => self.exchange_material(gpu, *index, material),
+            Edit::Mesh { index, mesh } => return self.exchange_mesh(gpu, *index, mesh, moved),
+            Edit::Light { index, light } => {
+                std::mem::swap(&mut self.lights[*index], light);
+                self.versions.lights += u64::from(self.lights[*index] != *light);
+            }
+            Edit::Lights(lights) => {
+                std::mem::swap(&mut self.lights, lights);
+                self.versions.lights += u64::from(self.lights != *lights);
+            }
+            Edit::Environment(environment) => self.exchange_environment(gpu, environment)?,
+            Edit::Media(media) => {
+                std::mem::swap(&mut self.media, media);
+                self.media_changed(gpu, media)?;
+            }
+            // Pictures are made for cameras of their own.
+            Edit::Camera { .. } => {}
+        }
+        Ok(true)
     }
 
     /// Updates everything that depends on the transforms of these instances, whose indices are in increasing order.
@@ -349,23 +418,24 @@ impl GpuScene {
         Ok(())
     }
 
-    fn set_material(&mut self, gpu: &Gpu, index: usize, material: &Material) {
-        let before = std::mem::replace(&mut self.host.materials[index], material.clone());
-        if before == *material {
+    fn exchange_material(&mut self, gpu: &Gpu, index: usize, other: &mut Material) {
+        std::mem::swap(&mut self.host.materials[index], other);
+        let (before, material) = (&*other, &self.host.materials[index]);
+        if before == material {
             return;
         }
         self.versions.materials += 1;
         let textures = |one: &Material| texture_slots(one).map(|(slot, _)| *slot);
-        let are_others = textures(&before) != textures(material);
+        let are_others = textures(before) != textures(material);
         self.tables
             .write_material(gpu, &self.host, index, &self.images, are_others);
         let emission = |one: &Material| (one.emissive, one.emissive_texture);
-        if emission(&before) != emission(material) {
+        if emission(before) != emission(material) {
             self.emitters = emitters(&self.host);
             self.versions.lights += 1;
         }
         let nameless = Object::of(material);
-        if Object::of(&before) != nameless {
+        if Object::of(before) != nameless {
             self.versions.objects += 1;
             for (object, instance) in self.objects.iter_mut().zip(&self.host.instances) {
                 if instance.material == index {
@@ -390,17 +460,17 @@ impl GpuScene {
         self.rays = Some(rays);
     }
 
-    /// Replaces a mesh by a deformed one, and adds its instances to `moved`. Returns false if the ray hierarchies should
-    /// be built again.
-    fn bend(
+    /// Exchanges a mesh for a deformed one: see [`GpuScene::exchange_one`].
+    fn exchange_mesh(
         &mut self,
         gpu: &Gpu,
         index: usize,
-        mesh: &Arc<Mesh>,
+        other: &mut Arc<Mesh>,
         moved: &mut Vec<usize>,
     ) -> Result<bool, GpuError> {
-        let before = std::mem::replace(&mut self.host.meshes[index], mesh.clone());
-        if Arc::ptr_eq(&before, mesh) {
+        std::mem::swap(&mut self.host.meshes[index], other);
+        let mesh = &self.host.meshes[index];
+        if Arc::ptr_eq(mesh, other) {
             return Ok(true);
         }
         self.versions.topology += 1;
@@ -439,38 +509,43 @@ impl GpuScene {
             self.bindings.bind(gpu, buffers, environment, &self.images);
     }
 
-    fn set_environment(&mut self, gpu: &Gpu, environment: &Environment) -> Result<(), GpuError> {
-        let after = Some(environment);
-        if !is_same_image(self.environment.as_ref(), after) {
+    fn exchange_environment(&mut self, gpu: &Gpu, other: &mut Environment) -> Result<(), GpuError> {
+        let Some(environment) = &mut self.environment else {
+            return Ok(());
+        };
+        std::mem::swap(environment, other);
+        let after = Some(&*environment);
+        let is_other_image = !is_same_image(after, Some(&*other));
+        if is_other_image {
             self.environment_texels = environment_texels(gpu, after)?;
-            self.bind(gpu);
             self.versions.environment += 1;
         }
         let header = (self.header_values).with_environment(after, self.environment_texels.scale);
         self.versions.sky += u64::from(header != self.header_values);
         self.header_values = header;
-        self.environment = Some(environment.clone());
+        if is_other_image {
+            self.bind(gpu);
+        }
         Ok(())
     }
 
-    fn set_media(&mut self, gpu: &Gpu, media: &[Medium]) -> Result<(), GpuError> {
-        if have_same_grids(&self.media, media) {
-            self.tables.write_media(gpu, media, &self.bounds);
+    /// Uploads the media, which were `before`; the header is yet to be written.
+    fn media_changed(&mut self, gpu: &Gpu, before: &[Medium]) -> Result<(), GpuError> {
+        if have_same_grids(before, &self.media) {
+            self.tables.write_media(gpu, &self.media, &self.bounds);
         } else {
             let instances = self.tables.instances.clone();
-            let bounds = self.bounds;
-            self.tables = Tables::new(gpu, &self.host, instances, &self.images, (media, &bounds))?;
+            let media = (&self.media[..], &self.bounds);
+            self.tables = Tables::new(gpu, &self.host, instances, &self.images, media)?;
             self.bind(gpu);
-            self.header_values.medium_count = media.len() as u32;
-            gpu.write(&self.header, 0, &[self.header_values]);
+            self.header_values.medium_count = self.media.len() as u32;
         }
-        self.media = media.to_vec();
         self.versions.media += 1;
         Ok(())
     }
 
     /// Replaces the scene by `after`, whatever it is.
-    fn replace(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
+    fn replace(&mut self, gpu: &Gpu, after: &Scene) -> Result<Undo, GpuError> {
         let before = &self.host;
         let same_meshes = same_meshes(before, after);
         let meshes = before.meshes.len() != after.meshes.len() || same_meshes.contains(&false);
@@ -496,14 +571,20 @@ impl GpuScene {
         let sky = |one: Option<&Environment>| one.map(|one| (one.rotation, one.intensity));
         let sky = sky(self.environment.as_ref()) != sky(after.environment.as_ref());
 
-        let uploaded = Self::upload(gpu, after, self.use_of, Some(self))?;
-        let versions = self.versions;
-        let placements = if instances {
-            Vec::new()
-        } else {
-            std::mem::take(&mut self.placements)
+        let uploaded = match Self::upload(gpu, after, self.use_of, Some(self)) {
+            Ok(uploaded) => uploaded,
+            Err(error) => {
+                // The upload's error says more than one that follows from it.
+                let _ = self.renew_top_level(gpu);
+                return Err(error);
+            }
         };
-        let mut atlases = std::mem::take(&mut self.atlases);
+        let versions = self.versions;
+        let placements = match instances {
+            true => &[][..],
+            false => &self.placements,
+        };
+        let mut atlases = self.atlases.clone();
         if triangles {
             atlases = atlases.of_other_meshes();
         }
@@ -514,7 +595,7 @@ impl GpuScene {
         let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;
         let mut placed = placements.iter().zip(&after.instances);
         let emitters = geometry && placed.any(|(at, one)| at.moved == version && is_emitting(one));
-        *self = Self {
+        let replaced = Self {
             placements,
             atlases,
             versions: Versions {
@@ -531,6 +612,7 @@ impl GpuScene {
             },
             ..uploaded
         };
-        Ok(())
+        let before = std::mem::replace(self, replaced);
+        Ok(Undo(Before::Scene(Box::new(before))))
     }
 }

@@ -23,13 +23,13 @@ const CORNETTE_SHANKS: u32 = 2;
 const MAX_ASYMMETRY: f32 = 0.999;
 
 /// Rejects media that cannot be rendered.
-pub(crate) fn check_media(scene: &Scene) -> Result<(), GpuError> {
+pub(crate) fn check_media(media: &[Medium]) -> Result<(), GpuError> {
     let refuse = |what: String| Err(GpuError::Input { what });
-    if scene.media.len() > MAX_MEDIA {
-        let count = scene.media.len();
+    if media.len() > MAX_MEDIA {
+        let count = media.len();
         return refuse(format!("{count} media: a scene has at most {MAX_MEDIA}"));
     }
-    for medium in &scene.media {
+    for medium in media {
         if let Err(reason) = medium.check() {
             return refuse(format!("medium {:?}: {reason}", medium.name));
         }

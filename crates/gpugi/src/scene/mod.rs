@@ -39,13 +39,14 @@ use atlases::Atlases;
 pub use atlases::LayOut;
 use bounds_tree::BoundsTree;
 pub use casters::{CasterGeometry, Casters, SimplifiedCasters};
-pub use edit::Edit;
+pub(crate) use edit::Undo;
 pub use emitters::Emitter;
 pub(crate) use emitters::has_emitters;
 use environment::EnvironmentTexels;
 pub(crate) use environment::{check_environment, shown, texel_scale};
 pub(crate) use extent::{box_faces, clip};
 use geometry::Geometry;
+pub use gpugi_scene::Edit;
 use images::ImageArrays;
 pub(crate) use media::{check_media, emit_light, stand_apart, world_from_box};
 pub use motion::Placement;
@@ -213,6 +214,11 @@ impl GpuScene {
     /// The current meshes, instances and materials, if light is kept in texels.
     pub fn host(&self) -> Option<&Scene> {
         (self.use_of == Use::Texels).then_some(&self.host)
+    }
+
+    /// The current meshes, instances, materials and images, whatever the scene is used for.
+    pub(crate) fn kept(&self) -> &Scene {
+        &self.host
     }
 
     /// Whether shaders may trace rays in the scene.

@@ -18,13 +18,13 @@ pub struct Placement {
 
 /// Placements of the instances of a new scene.
 pub(super) fn placements(scene: &Scene) -> Vec<Placement> {
-    moved(Vec::new(), scene, &[], 1)
+    moved(&[], scene, &[], 1)
 }
 
 /// Placements of the instances of `scene` at `version` of its geometry. `before`: their previous placements;
 /// `same_meshes`: which meshes are unchanged.
 pub(super) fn moved(
-    before: Vec<Placement>,
+    before: &[Placement],
     scene: &Scene,
     same_meshes: &[bool],
     version: u64,

@@ -33,7 +33,7 @@ impl GpuScene {
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
         check_environment(scene.environment.as_ref())?;
-        check_media(scene)?;
+        check_media(&scene.media)?;
         let spheres = checked_spheres(scene)?;
         if scene.materials.len() > MAX_MATERIALS {
             return Err(GpuError::TooLarge {
