@@ -3,6 +3,24 @@
 use super::*;
 use crate::techniques::Registry;
 
+/// Settings with little work.
+const FEW: [(&str, &str); 14] = [
+    ("bounces", "1"),
+    ("clusters", "8"),
+    ("cube-resolution", "16"),
+    ("directions", "16"),
+    ("entries", "64"),
+    ("frames", "1"),
+    ("iterations", "2"),
+    ("order", "2"),
+    ("particles", "16"),
+    ("rays", "16"),
+    ("resolution", "32"),
+    ("samples", "8"),
+    ("shape-resolution", "16"),
+    ("walks", "1"),
+];
+
 /// The lamp and a ball move; the sky turns and becomes brighter.
 fn disturb(scene: &mut Scene) {
     let step = Mat4::from_translation(Vec3::X * 0.01);
@@ -25,8 +43,8 @@ fn no_technique_waits_in_a_live_frame() {
         let name = technique.info.name;
         let mut scene = balls();
         let mut renderer = Renderer::new(&gpu, &scene, [8, 8], &[name]).unwrap();
-        for (setting, value) in [("resolution", "32"), ("samples", "8"), ("iterations", "2")] {
-            // Not every technique has all of them.
+        for (setting, value) in FEW {
+            // No technique has all of them.
             let _ = renderer.set(name, setting, value);
         }
         for budget in [Budget::UNLIMITED, Budget::units(100_000)] {
@@ -37,7 +55,7 @@ fn no_technique_waits_in_a_live_frame() {
                 std::thread::yield_now();
             }
             let waits = renderer.waits();
-            for _ in 0..4 {
+            for _ in 0..3 {
                 disturb(&mut scene);
                 renderer.update(&scene).unwrap();
                 if budget == Budget::UNLIMITED {

@@ -277,11 +277,12 @@ impl ImageBasedLighting {
             true => self.decomposition.cells(frame)?,
             false => None,
         };
-        self.on_the_way.extend(domains.map(|domains| SourcesOnTheWay {
-            of: key,
-            domains,
-            cells,
-        }));
+        self.on_the_way
+            .extend(domains.map(|domains| SourcesOnTheWay {
+                of: key,
+                domains,
+                cells,
+            }));
         Ok(false)
     }
 }
@@ -380,8 +381,8 @@ impl Technique for ImageBasedLighting {
         let are_found = self.find_sources(frame, scene)?;
         // No live frame waits for what is read back: the directions are those of an earlier sky until then, and their maps
         // show the scene as it is. All samples of a still picture depend on the survey of its own sky.
-        let may_be_late = earlier.budget.is_limited()
-            || (frame.never_waits() && !self.settings.per_sample);
+        let may_be_late =
+            earlier.budget.is_limited() || (frame.never_waits() && !self.settings.per_sample);
         if !are_found && (self.sources.get().is_none() || !may_be_late) {
             return Ok(waiting("the domains of the environment"));
         }
@@ -398,7 +399,10 @@ impl Technique for ImageBasedLighting {
         let mut domains = sources.map_or(&[][..], |sources| &sources.domains);
         let of_sample;
         if let Some(cells) = sources.and_then(|sources| sources.cells.as_ref()) {
-            let environment = self.sources.begun().map_or(0, |(environment, _)| *environment);
+            let environment = self
+                .sources
+                .begun()
+                .map_or(0, |(environment, _)| *environment);
             let of_cells = Versions {
                 environment,
                 ..versions
