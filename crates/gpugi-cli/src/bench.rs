@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use gpugi::gpu::{Gpu, Timing};
+use gpugi::gpu::{Gpu, Timing, Timings};
+use gpugi::lighting::Readiness;
 use gpugi::picture::Effects;
 use gpugi::scene::Edit;
 use gpugi::techniques::Figure;
@@ -81,8 +82,44 @@ struct Measured {
     frame_dynamic_ms: f64,
     /// The same with maps kept.
     frame_static_ms: f64,
-    /// Median CPU time to record and submit a frame (ms), with maps rebuilt.
+    /// Median CPU time to record and submit a frame (ms), with maps rebuilt, without `cpu_wait_ms`.
     cpu_record_ms: f64,
+    /// Median time that such a frame waits for the GPU (ms), because it cannot be recorded before something is read back.
+    cpu_wait_ms: f64,
+}
+
+/// What a frame took on the CPU, and the future times of its passes.
+struct Recorded {
+    recording: Duration,
+    waiting: Duration,
+    timings: Timings,
+}
+
+impl Recorded {
+    /// Records frames as a live view does, until one has its light; waits for the GPU after each that has not. Recording
+    /// includes what was done since `began`.
+    fn since(
+        began: Instant,
+        gpu: &Gpu,
+        mut record: impl FnMut() -> anyhow::Result<(Readiness, Timings)>,
+    ) -> anyhow::Result<Self> {
+        let mut timings = Timings::default();
+        let mut waiting = Duration::ZERO;
+        loop {
+            let (readiness, more) = record()?;
+            timings = timings.then(more);
+            if readiness.is_usable() {
+                return Ok(Self {
+                    recording: began.elapsed() - waiting,
+                    waiting,
+                    timings,
+                });
+            }
+            let waits = Instant::now();
+            gpu.wait()?;
+            waiting += waits.elapsed();
+        }
+    }
 }
 
 /// A number about a technique's work in a frame.
@@ -198,6 +235,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let completing = Completing::measure(&mut renderer, &camera)?;
     let mut moves = 0;
     let mut frame = |renderer: &mut Renderer, dynamic: bool, timed: bool| {
+        let began = Instant::now();
         renderer.restart();
         if dynamic && arguments.moving_light {
             moves += 1;
@@ -209,15 +247,17 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         } else if dynamic {
             renderer.invalidate();
         }
-        renderer.render_sample(&camera, 1, Some(&effects), timed)
+        Recorded::since(began, &gpu, || {
+            Ok(renderer.try_render_sample(&camera, 1, Some(&effects), timed)?)
+        })
     };
     for _ in 0..3 {
-        frame(&mut renderer, true, true)?.wait()?;
+        frame(&mut renderer, true, true)?.timings.wait()?;
     }
     let mut passes: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut totals = Vec::new();
     for _ in 0..arguments.frames {
-        let timings = frame(&mut renderer, true, true)?.wait()?;
+        let timings = frame(&mut renderer, true, true)?.timings.wait()?;
         totals.push(timings.iter().map(|timing| timing.milliseconds).sum());
         // A pass may run several times per frame, for example in batches.
         let mut sums = BTreeMap::new();
@@ -227,16 +267,18 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let wait = || gpu.wait();
-    let mut recorded = Vec::new();
+    let (mut recording, mut waiting) = (Vec::new(), Vec::new());
     let mut wall = |dynamic: bool| -> anyhow::Result<f64> {
+        // Takes what the frames before have read back.
+        frame(&mut renderer, dynamic, false)?;
         wait()?;
         let mut in_flight = VecDeque::new();
         let started = Instant::now();
         for _ in 0..arguments.frames {
-            let before = Instant::now();
-            frame(&mut renderer, dynamic, false)?;
+            let recorded = frame(&mut renderer, dynamic, false)?;
             if dynamic {
-                recorded.push(before.elapsed().as_secs_f64() * 1e3);
+                recording.push(recorded.recording.as_secs_f64() * 1e3);
+                waiting.push(recorded.waiting.as_secs_f64() * 1e3);
             }
             in_flight.extend(gpu.last_submission());
             if in_flight.len() > MOST_IN_FLIGHT
@@ -271,7 +313,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         passes_total_ms: median(totals),
         frame_dynamic_ms,
         frame_static_ms,
-        cpu_record_ms: median(recorded),
+        cpu_record_ms: median(recording),
+        cpu_wait_ms: median(waiting),
     };
     print_table(&measured);
     if let Some(path) = &arguments.json {
@@ -327,8 +370,10 @@ fn print_table(measured: &Measured) {
             1e3 / milliseconds
         );
     }
-    println!(
-        "  {:34} {:9.4} ms CPU",
-        "recording and submitting a frame", measured.cpu_record_ms
-    );
+    for (name, milliseconds) in [
+        ("recording and submitting a frame", measured.cpu_record_ms),
+        ("waiting for the GPU meanwhile", measured.cpu_wait_ms),
+    ] {
+        println!("  {name:34} {milliseconds:9.4} ms CPU");
+    }
 }

@@ -200,6 +200,11 @@ impl Renderer {
         self.lighting.work()
     }
 
+    /// How often it has waited for the GPU: never in [`Renderer::try_render_sample`] and [`Renderer::try_converge`].
+    pub fn waits(&self) -> u64 {
+        self.gpu.waits()
+    }
+
     /// Width and height of the picture (pixels).
     pub fn size(&self) -> [u32; 2] {
         self.size

@@ -327,6 +327,8 @@ fn measures_what_cones_exclude() {
     assert!(rays["per_second"].as_f64().expect("a rate") > 0.0);
     let culled = figure("ray-tracing.culled by cones")["value"].as_f64();
     assert!(culled.is_some_and(|share| share > 10.0 && share < 100.0));
+    assert!(json["cpu_record_ms"].as_f64().expect("a time") > 0.0);
+    assert_eq!(json["cpu_wait_ms"], 0.0, "no map waits for the GPU");
 }
 
 #[test]

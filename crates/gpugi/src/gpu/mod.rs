@@ -66,6 +66,8 @@ pub struct Gpu {
     faults: Arc<Mutex<Faults>>,
     /// Number of pipelines of this handle that are not compiled yet.
     compiling: Arc<AtomicUsize>,
+    /// How often the host has waited with this handle.
+    waits: Arc<AtomicU64>,
     /// In a browser, all pipelines that are not compiled yet, whosever they are.
     uncompiled: Option<lazy::Uncompiled>,
     /// How many more allocations may succeed.
@@ -151,6 +153,7 @@ impl Gpu {
             adapter,
             faults,
             compiling: Arc::default(),
+            waits: Arc::default(),
             uncompiled: cfg!(target_arch = "wasm32").then(lazy::Uncompiled::default),
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
@@ -309,11 +312,18 @@ impl Gpu {
     }
 
     fn wait_until(&self, until: wgpu::PollType) -> Result<(), GpuError> {
+        self.waits.fetch_add(1, Ordering::Relaxed);
         let waited = self.device.poll(until);
         self.check()?;
         waited.map(|_| ()).map_err(|error| GpuError::Lost {
             reason: error.to_string(),
         })
+    }
+
+    /// How often the host has waited for the GPU with this handle or a clone of it, but for handles of [`Gpu::apart`],
+    /// which count anew.
+    pub fn waits(&self) -> u64 {
+        self.waits.load(Ordering::Relaxed)
     }
 
     /// Whether pipelines that were made with this handle, or a clone of it, are still being compiled. Passes that use one
@@ -345,10 +355,11 @@ impl Gpu {
     }
 
     /// A handle of the same device that knows of its own pipelines alone ([`Gpu::is_compiling`]): whoever uses others
-    /// need not wait for these.
+    /// need not wait for these. It counts its own waits ([`Gpu::waits`]).
     pub fn apart(&self) -> Self {
         Self {
             compiling: Arc::default(),
+            waits: Arc::default(),
             ..self.clone()
         }
     }

@@ -1,10 +1,11 @@
 //! Budgets, and what techniques share.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use glam::{Mat4, Vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
-use gpugi_scene::{Camera, Environment, Light, LightKind, Material, Scene};
+use gpugi_scene::{Camera, Environment, Light, LightKind, Material, Pixels, Scene};
 
 use super::*;
 use crate::Renderer;
@@ -13,6 +14,7 @@ use crate::techniques::Texels;
 use crate::testing::test_gpu;
 
 mod layers;
+mod live;
 mod slices;
 
 /// Two mirror balls on a block, under a lamp and the sky.

@@ -17,6 +17,8 @@ mod survey;
 #[cfg(test)]
 mod tests;
 
+use std::collections::VecDeque;
+
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use draws::{CellsOfSky, CellsOnTheWay};
@@ -132,8 +134,8 @@ pub struct ImageBasedLighting {
     decomposition: Decomposition,
     /// Where the light comes from.
     sources: Stage<SourcesKey, Sources>,
-    /// The same, on its way from the GPU.
-    on_the_way: Option<SourcesOnTheWay>,
+    /// The same, on their way from the GPU, in the order in which frames asked for them.
+    on_the_way: VecDeque<SourcesOnTheWay>,
     batches: Stage<BatchesKey, Batches>,
     /// For [`Visibility::Rays`], once generated.
     rays: Stage<Variant, RayGather>,
@@ -229,7 +231,7 @@ impl ImageBasedLighting {
         let mut made = Self {
             decomposition: Decomposition::new(gpu, scene)?,
             sources: Stage::default(),
-            on_the_way: None,
+            on_the_way: VecDeque::new(),
             batches: Stage::default(),
             rays: Stage::default(),
             survey: Stage::default(),
@@ -247,37 +249,41 @@ impl ImageBasedLighting {
         Ok(made)
     }
 
-    /// Computes where the light comes from; again only when texels or settings have changed: a new rotation or intensity
-    /// keeps it. False while it is on its way from the GPU.
+    /// Finds where the light comes from; again only when texels or settings have changed: a new rotation or intensity
+    /// keeps it. False while that is on its way from the GPU: the sources are those of a frame before then, if any. A sky
+    /// that changes in every frame is followed, as late as its sources arrive.
     fn find_sources(&mut self, frame: &mut Frame<'_>, scene: &GpuScene) -> Result<bool, GpuError> {
         if scene.environment.is_none() {
             self.sources.clear();
+            self.on_the_way.clear();
             return Ok(true);
+        }
+        while let Some(found) = self.on_the_way.front().and_then(SourcesOnTheWay::get)
+            && let Some(SourcesOnTheWay { of, .. }) = self.on_the_way.pop_front()
+        {
+            self.maps.restart();
+            self.sources.keep(of, |_| found)?;
         }
         let key = (scene.versions.environment, self.settings.clone());
         self.sources.ask(key.clone());
         if self.sources.is_current() {
             return Ok(true);
         }
-        let Some(on_the_way) = self.on_the_way.take_if(|one| one.of == key) else {
-            let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
-            let cells = match self.settings.per_sample {
-                true => self.decomposition.cells(frame)?,
-                false => None,
-            };
-            self.on_the_way = domains.map(|domains| SourcesOnTheWay {
+        if self.on_the_way.back().is_some_and(|last| last.of == key) {
+            return Ok(false);
+        }
+        let domains = self.decomposition.decompose(frame, scene, &self.settings)?;
+        let cells = match self.settings.per_sample {
+            true => self.decomposition.cells(frame)?,
+            false => None,
+        };
+        self.on_the_way
+            .extend(domains.map(|domains| SourcesOnTheWay {
                 of: key,
                 domains,
                 cells,
-            });
-            return Ok(false);
-        };
-        let Some(found) = on_the_way.get() else {
-            self.on_the_way = Some(on_the_way);
-            return Ok(false);
-        };
-        self.sources.keep(key, |_| found)?;
-        Ok(true)
+            }));
+        Ok(false)
     }
 }
 
@@ -334,7 +340,9 @@ impl Technique for ImageBasedLighting {
         }
         let of_environment = of_maps.revision;
         of_maps.revision += self.maps.revision();
-        if of_maps.pending.is_some() || self.maps.is_current() {
+        let are_current = self.maps.is_current();
+        let are_late = are_current && !self.on_the_way.is_empty();
+        if of_maps.pending.is_some() || (are_current && !are_late) {
             return Ok(of_maps);
         }
         let key @ (_, is_see_through, _) = batches_key(scene, reflectivity);
@@ -359,7 +367,6 @@ impl Technique for ImageBasedLighting {
             },
         };
         let are_cast = batches.prepare(frame, scene, &maps.drawing)?;
-        let are_found = self.find_sources(frame, scene)?;
         // Live views keep the earlier maps; but ratios are of prefiltered light, which has changed already.
         let has_maps = earlier.budget.is_limited()
             && reflectivity != Reflectivity::Ratio
@@ -369,11 +376,22 @@ impl Technique for ImageBasedLighting {
             pending: (!has_maps).then_some(what),
             ..of_maps
         };
-        if !are_found {
-            return Ok(waiting("the domains of the environment"));
-        }
         if !are_cast {
             return Ok(waiting("simplified casters"));
+        }
+        let are_found = self.find_sources(frame, scene)?;
+        // No live frame waits for what is read back: the directions are those of an earlier sky until then, and their maps
+        // show the scene as it is. All samples of a still picture depend on the survey of its own sky.
+        let may_be_late =
+            earlier.budget.is_limited() || (frame.never_waits() && !self.settings.per_sample);
+        if !are_found && (self.sources.get().is_none() || !may_be_late) {
+            return Ok(waiting("the domains of the environment"));
+        }
+        if !are_found {
+            of_maps.progress = of_maps.progress.min(self.sources.progress(1, 1));
+        }
+        if self.maps.is_current() {
+            return Ok(of_maps);
         }
         let (Some(batches), Some(survey)) = (self.batches.get_mut(), self.survey.get_mut()) else {
             return Ok(of_maps);
@@ -382,7 +400,15 @@ impl Technique for ImageBasedLighting {
         let mut domains = sources.map_or(&[][..], |sources| &sources.domains);
         let of_sample;
         if let Some(cells) = sources.and_then(|sources| sources.cells.as_ref()) {
-            let key = survey::Key::new(versions, &self.settings, view);
+            let environment = self
+                .sources
+                .begun()
+                .map_or(0, |(environment, _)| *environment);
+            let of_cells = Versions {
+                environment,
+                ..versions
+            };
+            let key = survey::Key::new(of_cells, &self.settings, view);
             // Survey maps replace those that a live view shows.
             let draws = if earlier.budget.is_limited() {
                 survey.latest(key, cells)
@@ -410,7 +436,7 @@ impl Technique for ImageBasedLighting {
         }
         self.maps.begin();
         // Earlier maps were lit by meanwhile.
-        if has_maps {
+        if has_maps || are_late {
             self.maps.improve();
         }
         Ok(Generated {

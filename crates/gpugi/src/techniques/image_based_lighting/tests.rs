@@ -1,5 +1,6 @@
 //! Tests the domains of environments whose light is known.
 
+mod live;
 mod mesh;
 mod stability;
 mod survey;
