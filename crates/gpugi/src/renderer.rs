@@ -254,7 +254,7 @@ impl Renderer {
     /// [`LightingError::Gpu`]; [`LightingError::Overlap`] and [`LightingError::Needs`] when the techniques do not fit the
     /// scene as it would be. Nothing has changed then, and accumulation goes on.
     pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
-        self.change_scene(|scene, gpu| scene.begin_update(gpu, after))
+        self.change_scene(|scene, gpu| scene.update_with_undo(gpu, after))
     }
 
     /// Edits the scene ([`GpuScene::edit`]); accumulation restarts.
@@ -262,7 +262,7 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::update`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
-        self.change_scene(|scene, gpu| scene.begin_edit(gpu, edits))
+        self.change_scene(|scene, gpu| scene.edit_with_undo(gpu, edits))
     }
 
     /// Changes the scene. Techniques plan anew only if what they plan for has changed: that takes milliseconds, too long

@@ -185,11 +185,11 @@ fn refused_edits_change_nothing() {
         ("shadow-map", "area-samples", "4"),
         ("shadow-map", "area-resolution", "32"),
         ("radiance-transfer", "resolution", "64"),
-        ("radiance-transfer", "rays", "16"),
+        ("radiance-transfer", "rays", "4"),
         ("radiance-transfer", "directional-lights", "true"),
     ];
     let new = |scene: &Scene| {
-        let mut renderer = Renderer::new(&gpu, scene, [24, 18], &names).unwrap();
+        let mut renderer = Renderer::new(&gpu, scene, [16, 12], &names).unwrap();
         for (technique, name, value) in settings {
             renderer.set(technique, name, value).unwrap();
         }
@@ -252,15 +252,15 @@ fn refused_edits_change_nothing() {
         assert!(matches!(refused, LightingError::Overlap { .. }));
         is_as_before(&mut renderer, &refused);
     }
+    let point = |index: usize| Edit::Light {
+        index,
+        light: light(LightKind::Point),
+    };
+    // What there is not, or no longer.
     let input = [
         vec![place(0), Edit::Environment(Environment::default_sky())],
-        vec![
-            place(0),
-            Edit::Light {
-                index: 1,
-                light: light(LightKind::Point),
-            },
-        ],
+        vec![place(0), point(1)],
+        vec![Edit::Lights(Vec::new()), point(0)],
     ];
     for edits in input {
         let refused = renderer.edit(&edits).unwrap_err();
@@ -270,14 +270,7 @@ fn refused_edits_change_nothing() {
         ));
         is_as_before(&mut renderer, &refused);
     }
-    let edits = [
-        place(1),
-        material(|one| one.roughness = 0.3),
-        Edit::Light {
-            index: 0,
-            light: light(LightKind::Point),
-        },
-    ];
+    let edits = [place(1), material(|one| one.roughness = 0.3), point(0)];
     renderer.edit(&edits).unwrap();
     let mut edited = scene.clone();
     edits.iter().for_each(|edit| edit.apply_to(&mut edited));

@@ -43,17 +43,15 @@ impl GpuScene {
     /// [`GpuError::Input`] for an index that the scene does not have and for values from which no light can be
     /// computed; otherwise as [`GpuScene::new`]. Nothing has changed then.
     pub fn edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<(), GpuError> {
-        self.begin_edit(gpu, edits).map(|_| ())
+        self.edit_with_undo(gpu, edits).map(|_| ())
     }
 
     /// As [`GpuScene::edit`]; returns what takes it back.
     ///
     /// # Errors
     /// As [`GpuScene::edit`].
-    pub(crate) fn begin_edit(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<Undo, GpuError> {
-        for edit in edits {
-            self.check(edit)?;
-        }
+    pub(crate) fn edit_with_undo(&mut self, gpu: &Gpu, edits: &[Edit]) -> Result<Undo, GpuError> {
+        self.check_all(edits)?;
         if edits.iter().all(|edit| self.can_apply(edit)) {
             return self.apply(gpu, edits.to_vec());
         }
@@ -78,14 +76,14 @@ impl GpuScene {
     /// # Errors
     /// As [`GpuScene::new`]. Nothing has changed then.
     pub fn update(&mut self, gpu: &Gpu, after: &Scene) -> Result<(), GpuError> {
-        self.begin_update(gpu, after).map(|_| ())
+        self.update_with_undo(gpu, after).map(|_| ())
     }
 
     /// As [`GpuScene::update`]; returns what takes it back.
     ///
     /// # Errors
     /// As [`GpuScene::update`].
-    pub(crate) fn begin_update(&mut self, gpu: &Gpu, after: &Scene) -> Result<Undo, GpuError> {
+    pub(crate) fn update_with_undo(&mut self, gpu: &Gpu, after: &Scene) -> Result<Undo, GpuError> {
         check_environment(after.environment.as_ref())?;
         check_media(&after.media)?;
         match self.edits_to(after) {
@@ -105,11 +103,12 @@ impl GpuScene {
             Edit::Media(after) => !have_same_grids(&self.media, after),
             _ => false,
         };
-        for edit in &edits {
-            self.check(edit)?;
-            if uploads(edit) || !self.can_apply(edit) {
-                return Ok(false);
-            }
+        self.check_all(&edits)?;
+        if edits
+            .iter()
+            .any(|edit| uploads(edit) || !self.can_apply(edit))
+        {
+            return Ok(false);
         }
         self.apply(gpu, edits).map(|_| true)
     }
@@ -196,13 +195,25 @@ impl GpuScene {
         )
     }
 
-    fn check(&self, edit: &Edit) -> Result<(), GpuError> {
+    fn check_all(&self, edits: &[Edit]) -> Result<(), GpuError> {
+        let mut lights = self.lights.len();
+        for edit in edits {
+            self.check(edit, lights)?;
+            if let Edit::Lights(all) = edit {
+                lights = all.len();
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks an edit of the scene when it has so many lights.
+    fn check(&self, edit: &Edit, lights: usize) -> Result<(), GpuError> {
         let refused = |what: String| Err(GpuError::Input { what });
         let (thing, index, count) = match edit {
             Edit::Instance { index, .. } => ("instance", *index, self.host.instances.len()),
             Edit::Material { index, .. } => ("material", *index, self.host.materials.len()),
             Edit::Mesh { index, .. } => ("mesh", *index, self.host.meshes.len()),
-            Edit::Light { index, .. } => ("light", *index, self.lights.len()),
+            Edit::Light { index, .. } => ("light", *index, lights),
             Edit::Environment(environment) => {
                 check_environment(Some(environment))?;
                 let count = usize::from(self.environment.is_some());
