@@ -25,7 +25,8 @@ const MOST_IN_FLIGHT: usize = 16;
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
 #[command(mut_arg("scene", |scene| {
-    scene.long("scene").required(false).default_value("room")
+    let scene = scene.long("scene").display_order(0);
+    scene.required(false).default_value("room")
 }))]
 pub struct Arguments {
     #[command(flatten)]
