@@ -55,6 +55,7 @@ fn no_technique_waits_in_a_live_frame() {
                 std::thread::yield_now();
             }
             let waits = renderer.waits();
+            assert_ne!(waits, 0, "convergence waits");
             for _ in 0..3 {
                 disturb(&mut scene);
                 renderer.update(&scene).unwrap();
