@@ -18,7 +18,7 @@ pub struct BvhInstance {
     pub mesh: usize,
     /// World space (m) from mesh space.
     pub world_from_mesh: Mat4,
-    /// [`FLAG_ALPHA`], [`FLAG_BLACK_BACK`], both or neither.
+    /// [`FLAG_ALPHA`](super::FLAG_ALPHA), [`FLAG_BLACK_BACK`](super::FLAG_BLACK_BACK), both or neither.
     pub flags: u32,
     /// The sphere that stands for the mesh's triangles, in mesh space.
     pub sphere: Option<Sphere>,
