@@ -110,11 +110,12 @@ pub fn picture(
     CollapsingHeader::new("Picture")
         .default_open(true)
         .show(ui, |ui| {
-            for (name, values) in session.effects.all() {
-                CollapsingHeader::new(name)
-                    .default_open(true)
-                    .show(ui, |ui| settings::settings(ui, name, values, actions));
-            }
+            CollapsingHeader::new("Effects").show(ui, |ui| {
+                for (name, values) in session.effects.all() {
+                    ui.label(name);
+                    ui.indent(name, |ui| settings::settings(ui, name, values, actions));
+                }
+            });
             ui.horizontal(|ui| {
                 ui.label("show");
                 ComboBox::from_id_salt("quantity")
