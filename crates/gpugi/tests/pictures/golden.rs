@@ -104,12 +104,6 @@ fn cornell_live() {
     golden_live("cornell");
 }
 
-/// With glass, mirrors and caustics.
-#[test]
-fn glass_room_live() {
-    golden_live("glass-room");
-}
-
 #[test]
 fn room() {
     golden("room");
