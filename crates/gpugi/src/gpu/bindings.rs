@@ -4,10 +4,11 @@
 #[cfg(test)]
 mod tests;
 
-use std::collections::HashMap;
-use std::hash::{DefaultHasher, Hash, Hasher};
+use std::hash::{Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use rustc_hash::{FxHashMap, FxHasher};
 
 use super::shader::{Declared, is_linked_name};
 use super::{Gpu, GpuError, HostBuffer};
@@ -105,11 +106,11 @@ impl Held {
 
 /// Values by hashes of their keys, each with the frame that used it last. Of keys with equal hashes, the last one stays.
 #[derive(Debug)]
-struct Recent<K, V>(HashMap<u64, (K, V, u64)>);
+struct Recent<K, V>(FxHashMap<u64, (K, V, u64)>);
 
 impl<K, V> Default for Recent<K, V> {
     fn default() -> Self {
-        Self(HashMap::new())
+        Self(FxHashMap::default())
     }
 }
 
@@ -134,7 +135,7 @@ impl<K, V> Recent<K, V> {
 }
 
 fn hash(of: impl Hash) -> u64 {
-    let mut hasher = DefaultHasher::new();
+    let mut hasher = FxHasher::default();
     of.hash(&mut hasher);
     hasher.finish()
 }
@@ -149,10 +150,46 @@ type Groups = Vec<(u32, wgpu::BindGroup)>;
 /// The bind groups of one interface.
 #[derive(Debug, Default)]
 pub(super) struct BindGroups {
-    /// Which of the declared resources a name means, and how well it fits them, by the name's address and length: names
-    /// are constants, and to compare them with all that is declared takes long.
-    places: HashMap<(usize, usize), Vec<(usize, usize)>>,
+    /// By the names that passes give: few passes share an interface.
+    namings: Vec<Naming>,
     groups: Recent<Vec<Held>, Groups>,
+}
+
+/// What a list of names means to an interface.
+#[derive(Debug)]
+struct Naming {
+    /// Address and length of each: names are constants, and to compare their letters in every pass takes long.
+    names: Vec<(usize, usize)>,
+    /// For each of the declared resources, the place in the list of the one that is bound to it.
+    sources: Vec<Option<usize>>,
+}
+
+impl Naming {
+    /// Of names that fit as well, the last one counts.
+    fn new(resources: &[Named<'_>], declared: &[Declared]) -> Self {
+        let fit = |one: &Declared, name: &str| match one.name == name {
+            true => usize::MAX,
+            false => name.len(),
+        };
+        let source = |one: &Declared| {
+            let all = resources.iter().enumerate();
+            let meant = all.filter(|(_, (name, _))| is_linked_name(&one.name, name));
+            let best = meant.max_by_key(|(_, (name, _))| fit(one, name));
+            best.map(|(place, _)| place)
+        };
+        Self {
+            names: resources.iter().map(address).collect(),
+            sources: declared.iter().map(source).collect(),
+        }
+    }
+
+    fn is_of(&self, resources: &[Named<'_>]) -> bool {
+        resources.iter().map(address).eq(self.names.iter().copied())
+    }
+}
+
+fn address((name, _): &Named<'_>) -> (usize, usize) {
+    (name.as_ptr() as usize, name.len())
 }
 
 /// What the device keeps.
@@ -220,21 +257,18 @@ impl BindGroups {
         make: impl FnOnce(&[Bound<'_>]) -> Groups,
         set: impl FnOnce(&Groups),
     ) -> Result<(), &'a str> {
-        // Of names that fit as well, the last one counts.
-        let mut found = vec![(0, None); declared.len()];
-        for (name, resource) in resources {
-            let places = (self.places)
-                .entry((name.as_ptr() as usize, name.len()))
-                .or_insert_with(|| places_of(name, declared));
-            for &mut (place, fit) in places {
-                if fit >= found[place].0 {
-                    found[place] = (fit, Some(resource.bound()));
-                }
-            }
-        }
-        let found = declared.iter().zip(found);
-        let found: Vec<Bound<'_>> = found
-            .map(|(one, (_, found))| found.ok_or(one.name.as_str()))
+        let known = self.namings.iter().position(|one| one.is_of(resources));
+        let naming = known.unwrap_or_else(|| {
+            self.namings.push(Naming::new(resources, declared));
+            self.namings.len() - 1
+        });
+        let sources = self.namings[naming].sources.iter();
+        let found: Vec<Bound<'_>> = sources
+            .zip(declared)
+            .map(|(source, one)| match source {
+                Some(place) => Ok(resources[*place].1.bound()),
+                None => Err(one.name.as_str()),
+            })
             .collect::<Result<_, _>>()?;
         let hash = hash(&found);
         let is_it = |held: &Vec<Held>| held.iter().map(Held::bound).eq(found.iter().copied());
@@ -249,17 +283,6 @@ impl BindGroups {
         }
         Ok(())
     }
-}
-
-/// Which of `declared` a name may mean, and how well it fits: "points" is the end of "hit_points", too.
-fn places_of(name: &str, declared: &[Declared]) -> Vec<(usize, usize)> {
-    let all = declared.iter().enumerate();
-    let meant = all.filter(|(_, one)| is_linked_name(&one.name, name));
-    let fit = |one: &Declared| match one.name == name {
-        true => usize::MAX,
-        false => name.len(),
-    };
-    meant.map(|(place, one)| (place, fit(one))).collect()
 }
 
 /// One bind group per layout, of the `declared` resources, which are sorted by group.
