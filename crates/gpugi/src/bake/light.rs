@@ -292,7 +292,7 @@ impl<'a> LightBake<'a> {
     /// The light of a task so far. Waits for the GPU.
     fn part(&self, running: &Running) -> Result<TexelPart, LightingError> {
         let mut sums = Vec::new();
-        for Target { radiance } in &running.lit.targets {
+        for Target { radiance, .. } in &running.lit.targets {
             sums.extend(read_buffer::<[f32; 4]>(
                 &self.solver.gpu,
                 radiance,

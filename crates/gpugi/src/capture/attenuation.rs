@@ -65,7 +65,7 @@ impl Attenuation {
         let make = || {
             let radiance =
                 gpu.buffer("gathered light [bytes]", size, wgpu::BufferUsages::STORAGE)?;
-            Ok(Receiver::new(points, &Target { radiance }))
+            Ok(Receiver::new(points, &Target::of(gpu, radiance)?))
         };
         self.unattenuated.of(receiver, make).cloned()
     }

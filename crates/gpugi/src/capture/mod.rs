@@ -119,6 +119,9 @@ impl SurfacePoints {
 pub struct Target {
     /// Linear Rec. 709 radiance [W/sr/m^2] in rgb; a counts the samples that hit a surface.
     pub radiance: wgpu::Buffer,
+    /// For points that an eye sees, how far along the mirrored ray lies what they mirror [m], written by techniques that
+    /// know it: one f32 per point, 0 where none does. A single one if nobody asks.
+    pub mirrored: wgpu::Buffer,
 }
 
 impl Target {
@@ -128,10 +131,40 @@ impl Target {
     /// [`GpuError::TooLarge`] when the adapter cannot hold them.
     pub fn new(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
         let size = u64::from(count) * 16;
+        let radiance = gpu.buffer("radiance [bytes]", size, wgpu::BufferUsages::STORAGE)?;
+        Self::of(gpu, radiance)
+    }
+
+    /// A target of this radiance.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`].
+    pub(crate) fn of(gpu: &Gpu, radiance: wgpu::Buffer) -> Result<Self, GpuError> {
         Ok(Self {
-            radiance: gpu.buffer("radiance [bytes]", size, wgpu::BufferUsages::STORAGE)?,
+            radiance,
+            mirrored: mirrored(gpu, 1)?,
         })
     }
+
+    /// A target for `count` pixels, which asks how far what they mirror is.
+    ///
+    /// # Errors
+    /// As [`Target::new`].
+    pub(crate) fn of_pixels(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            mirrored: mirrored(gpu, count)?,
+            ..Self::new(gpu, count)?
+        })
+    }
+}
+
+fn mirrored(gpu: &Gpu, count: u32) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = u64::from(count) * 4;
+    gpu.buffer(
+        "mirrored distances [bytes]",
+        bytes,
+        wgpu::BufferUsages::STORAGE,
+    )
 }
 
 impl Bind for Target {

@@ -112,10 +112,17 @@ impl Receiver {
         frame.clear_range(target, bytes);
     }
 
-    /// What passes over the points bind: `seen`, `points` and `hits`, and `radiance`, to which they add.
-    pub fn resources(&self) -> [Named<'_>; 4] {
+    /// What passes over the points bind: `seen`, `points` and `hits`, `radiance`, to which they add, and `mirrored`.
+    pub fn resources(&self) -> [Named<'_>; 5] {
         let [seen, points, hits] = self.points.resources();
-        [seen, points, hits, ("radiance", &self.target)]
+        let Target { radiance, mirrored } = &self.target;
+        [
+            seen,
+            points,
+            hits,
+            ("radiance", radiance),
+            ("mirrored", mirrored),
+        ]
     }
 }
 

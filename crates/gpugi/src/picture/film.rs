@@ -27,6 +27,8 @@ pub struct Shot {
     /// Film coordinates from world space, homogeneous: x and y in pixels from the top left corner of the picture, and the
     /// distance along the view's axis (m) in place of the depth, which is not divided.
     pub film_from_world: Mat4,
+    /// The eye in world space (m, w = 1), or the unit direction toward it (w = 0).
+    pub eye: Vec4,
     /// Versions of what was seen.
     pub versions: Versions,
 }
@@ -56,6 +58,10 @@ impl Shot {
         let film_from_view = Mat4::from_cols_array_2d(&rows.map(|row| row.to_array())).transpose();
         Self {
             film_from_world: film_from_view * view.world_from_view.inverse(),
+            eye: match view.is_perspective {
+                true => view.world_from_view.w_axis,
+                false => view.world_from_view.z_axis.normalize(),
+            },
             versions: scene.versions,
         }
     }
@@ -78,6 +84,7 @@ struct StripUniform {
 struct ShotsUniform {
     film_from_world: [[f32; 4]; 4],
     film_from_world_before: [[f32; 4]; 4],
+    eye_before: [f32; 4],
     /// 1 / number of samples.
     scale: f32,
     has_moved: u32,
@@ -176,7 +183,8 @@ pub(super) struct Live {
     /// Mean radiance of this picture: rgba16float.
     pub radiance: wgpu::TextureView,
     /// Velocity (pixels since the picture before: x to the right, y down), roughness, depth in the picture before relative
-    /// to that in this one, and how far each pixel's triangle reaches from its centre (film.wesl): rgba32uint.
+    /// to that in this one, how far each pixel's triangle reaches from its centre, and the velocity of what it mirrors
+    /// (film.wesl): rgba32uint.
     pub motion: wgpu::TextureView,
     images: [Image; 2],
     /// Which of them is this picture's.
@@ -261,6 +269,7 @@ impl Live {
         let uniform = ShotsUniform {
             film_from_world: shot.film_from_world.to_cols_array_2d(),
             film_from_world_before: before.film_from_world.to_cols_array_2d(),
+            eye_before: before.eye.to_array(),
             scale: 1.0 / samples.max(1) as f32,
             has_moved: vertices_before.is_some().into(),
             padding: [0; 2],

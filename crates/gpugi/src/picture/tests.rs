@@ -50,7 +50,7 @@ fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
         slots: Slots::default(),
     };
     let radiance = gpu.storage("radiance", sums).expect("it fits");
-    Receiver::new(&points, &Target { radiance })
+    Receiver::new(&points, &Target::of(gpu, radiance).expect("it fits"))
 }
 
 /// A picture of strips whose radiance is summed over `samples` samples.
@@ -60,6 +60,7 @@ fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
         samples,
         of: samples,
         shot: Shot {
+            eye: glam::Vec4::W,
             film_from_world: Default::default(),
             versions: Default::default(),
         },

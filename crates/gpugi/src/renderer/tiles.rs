@@ -48,7 +48,7 @@ pub(super) fn tiles(
                 |index: u32| (u64::from(size[1]) * u64::from(index) / u64::from(count)) as u32;
             let rows = row(index)..row(index + 1);
             let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
-            let target = Target::new(gpu, capture.points.count)?;
+            let target = Target::of_pixels(gpu, capture.points.count)?;
             Ok(Tile {
                 receiver: Receiver::new(&capture.points, &target),
                 capture,

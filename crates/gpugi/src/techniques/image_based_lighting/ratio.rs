@@ -68,7 +68,7 @@ impl RatioPass {
         let usage = wgpu::BufferUsages::STORAGE;
         self.sums.of(receiver, || {
             let radiance = gpu.buffer("sums over directions [bytes]", size, usage)?;
-            Ok(Target { radiance })
+            Target::of(gpu, radiance)
         })
     }
 }

@@ -154,7 +154,7 @@ impl SeenMedia {
         let size = target.radiance.size();
         let make = || {
             let radiance = gpu.room("light behind media", size)?;
-            Ok(Receiver::new(points, &Target { radiance }))
+            Ok(Receiver::new(points, &Target::of(gpu, radiance)?))
         };
         self.behind.of(receiver, make).cloned()
     }

@@ -31,9 +31,8 @@ fn both_sides_of_seams_agree_and_nothing_else_changes() {
         })
         .collect();
     let storage = wgpu::BufferUsages::STORAGE;
-    let image = Target {
-        radiance: gpu.buffer_with("image", &texels, storage).unwrap(),
-    };
+    let image = gpu.buffer_with("image", &texels, storage).unwrap();
+    let image = Target::of(&gpu, image).unwrap();
     let filter = SeamFilter::new(&gpu, &seams, &image).unwrap();
     let mut frame = Frame::new(&gpu, false);
     filter.record(&mut frame);
