@@ -56,17 +56,25 @@ fn assert_alike(gpu: &Gpu, scene: &Scene, compute: &mut DepthCompute, count: u32
     let specs = around(&uploaded, count, side);
     let ([hardware, compute], width) = both(gpu, &mut uploaded, specs, compute);
     let covered = hardware.iter().filter(|depth| **depth > 0.0).count();
-    let differing: Vec<usize> = (0..hardware.len())
-        .filter(|&at| (hardware[at] - compute[at]).abs() > 1e-5)
-        .collect();
-    // GPUs round corners to a part of a texel, which moves edges a little: a texel may have its neighbour's depth.
-    let is_moved = |at: usize| {
+    let range_around = |at: usize| {
         let near = [0, width, 2 * width].map(|row| (at + row).saturating_sub(width + 1));
         let near = near.into_iter().flat_map(|first| first..first + 3);
         let depths = near.filter_map(|neighbor| hardware.get(neighbor));
-        let (low, high) = depths.fold((1.0_f32, 0.0_f32), |(low, high), depth| {
+        depths.fold((1.0_f32, 0.0_f32), |(low, high), depth| {
             (low.min(*depth), high.max(*depth))
-        });
+        })
+    };
+    // GPUs round corners to 1/256 of a texel, which changes depths on slopes: two texels' difference is what `range_around`
+    // tells.
+    let differing: Vec<usize> = (0..hardware.len())
+        .filter(|&at| {
+            let (low, high) = range_around(at);
+            (hardware[at] - compute[at]).abs() > 1e-5 + (high - low) / 256.0
+        })
+        .collect();
+    // It moves edges, too: a texel may have its neighbour's depth.
+    let is_moved = |at: usize| {
+        let (low, high) = range_around(at);
         (low - 1e-5..=high + 1e-5).contains(&compute[at])
     };
     let moved = differing.iter().filter(|at| is_moved(**at)).count();
@@ -77,9 +85,7 @@ fn assert_alike(gpu: &Gpu, scene: &Scene, compute: &mut DepthCompute, count: u32
         hardware.len()
     );
     assert!(covered * 4 > hardware.len() / 2, "the views see the scene");
-    let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
-    let most_moved = if is_software { 1 } else { 30 };
-    assert!(moved * 1000 <= covered * most_moved, "{moved} of {covered}");
+    assert!(moved * 1000 <= covered, "{moved} of {covered}");
     assert!(wrong * 1000 <= covered, "{wrong} of {covered}");
 }
 

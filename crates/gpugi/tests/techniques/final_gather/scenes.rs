@@ -119,7 +119,8 @@ fn changes_of_the_scene_are_followed() {
         scene.materials[light].emissive = vec3(2.0, 9.0, 2.0);
         scene.instances[7].world_from_mesh.w_axis.x += 1.0;
         kept.update(&scene).expect("an update");
-        let found = picture(&mut kept, 40);
+        // Points are moved out of solids by what is read back, which takes hardware some frames.
+        let found = picture(&mut kept, 48);
         let mut fresh = renderer_of(&gpu, &scene, &techniques, 24, "final-gather", &settings);
         let fresh = picture(&mut fresh, 1);
         let error = |a: &[f32], b: &[f32]| {
