@@ -1,8 +1,8 @@
 //! Pictures: a camera's pixels as receivers of a scene's lighting, and their display.
 
+mod strips;
 #[cfg(test)]
 mod tests;
-mod tiles;
 
 use std::ops::ControlFlow;
 
@@ -21,7 +21,7 @@ use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
 use crate::scene::{Edit, GpuScene, Undo};
 use crate::sequences::low_discrepancy;
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
-use tiles::{Tile, tiles};
+use strips::{LitStrip, strips};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
@@ -30,7 +30,7 @@ pub struct Renderer {
     scene: GpuScene,
     lighting: Lighting,
     size: [u32; 2],
-    tiles: Vec<Tile>,
+    strips: Vec<LitStrip>,
     picture: Picture,
     samples: u32,
     /// Samples that the picture will have.
@@ -103,7 +103,7 @@ impl Renderer {
         let gpu = &gpu.apart();
         let mut scene = Lighting::upload(gpu, scene, names, registry)?;
         let lighting = Lighting::new(gpu, &mut scene, names, registry)?;
-        let tiles = tiles(gpu, &lighting, size, u32::MAX)?;
+        let strips = strips(gpu, &lighting, size, u32::MAX)?;
         // Errors of pipelines and bind groups belong to this call.
         gpu.check()?;
         Ok(Self {
@@ -112,7 +112,7 @@ impl Renderer {
             scene,
             lighting,
             size,
-            tiles,
+            strips,
             samples: 0,
             of: 1,
             continues: false,
@@ -137,11 +137,11 @@ impl Renderer {
         self.cut(size, u32::MAX)
     }
 
-    /// As [`Renderer::resize`], in tiles of no more than `most_points` pixels.
+    /// As [`Renderer::resize`], in strips of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
-        let tiles = tiles(&self.gpu, &self.lighting, size, most_points)?;
+        let strips = strips(&self.gpu, &self.lighting, size, most_points)?;
         self.picture = self.picture.resized(&self.gpu, size)?;
-        self.tiles = tiles;
+        self.strips = strips;
         self.size = size;
         self.restart();
         Ok(())
@@ -227,7 +227,7 @@ impl Renderer {
 
     /// Bytes that the picture takes: surface points and radiance.
     pub fn picture_bytes(&self) -> u64 {
-        let receivers = self.tiles.iter().map(|tile| &tile.receiver);
+        let receivers = self.strips.iter().map(|strip| &strip.receiver);
         receivers
             .map(|one| one.points.points.size() + one.target.radiance.size())
             .sum()
@@ -493,12 +493,13 @@ impl Renderer {
         if self.lighting.work() > 0 {
             frame.flush();
         }
-        for tile in &mut self.tiles {
-            let view = view.of_rows(&tile.rows);
-            tile.capture
+        for strip in &mut self.strips {
+            let view = view.of_rows(&strip.rows);
+            strip
+                .capture
                 .record(frame, &self.scene, &view, |draw| draw.seen)?;
             frame.flush();
-            self.lighting.gather(frame, &self.scene, &tile.receiver)?;
+            self.lighting.gather(frame, &self.scene, &strip.receiver)?;
         }
         if self.samples == 0 {
             self.picture.advance();
@@ -523,7 +524,7 @@ impl Renderer {
         let Some(shot) = self.shot else {
             return Ok(());
         };
-        let strips: Vec<Strip<'_>> = self.tiles.iter().map(Tile::strip).collect();
+        let strips: Vec<Strip<'_>> = self.strips.iter().map(LitStrip::strip).collect();
         let lit = Lit {
             strips: &strips,
             samples: self.samples,
@@ -603,11 +604,11 @@ impl Renderer {
     ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, GpuError> {
         let scale = 1.0 / self.samples.max(1) as f32;
         let values = (self.size[0] * self.size[1] * 3) as usize;
-        let read = |tile: &Tile| {
-            let bytes = u64::from(tile.receiver.points.count) * 16;
-            begin_read_buffer::<[f32; 4]>(&self.gpu, &tile.receiver.target.radiance, bytes)
+        let read = |strip: &LitStrip| {
+            let bytes = u64::from(strip.receiver.points.count) * 16;
+            begin_read_buffer::<[f32; 4]>(&self.gpu, &strip.receiver.target.radiance, bytes)
         };
-        let sums = self.tiles.iter().map(read);
+        let sums = self.strips.iter().map(read);
         let sums = sums.collect::<Result<Vec<_>, _>>()?;
         Ok(async move {
             let mut all = Vec::with_capacity(values);
@@ -625,9 +626,9 @@ impl Renderer {
     /// [`GpuError`].
     pub fn surface_points(&self) -> Result<Vec<Option<VisiblePoint>>, GpuError> {
         let mut all = Vec::with_capacity((self.size[0] * self.size[1]) as usize);
-        for tile in &self.tiles {
-            let bytes = u64::from(tile.receiver.points.count) * SURFACE_POINT_BYTES;
-            let words: Vec<u32> = read_buffer(&self.gpu, &tile.receiver.points.points, bytes)?;
+        for strip in &self.strips {
+            let bytes = u64::from(strip.receiver.points.count) * SURFACE_POINT_BYTES;
+            let words: Vec<u32> = read_buffer(&self.gpu, &strip.receiver.points.points, bytes)?;
             all.extend(words.chunks_exact(12).map(VisiblePoint::unpack));
         }
         Ok(all)
@@ -639,16 +640,19 @@ impl Renderer {
     /// # Errors
     /// [`GpuError::Input`] when the pixel is outside of the picture.
     pub fn pick(&self, pixel: [u32; 2]) -> Result<ReadBack<Option<VisiblePoint>>, GpuError> {
-        let tile = self.tiles.iter().find(|tile| tile.rows.contains(&pixel[1]));
-        let tile = tile
+        let strip = self
+            .strips
+            .iter()
+            .find(|strip| strip.rows.contains(&pixel[1]));
+        let strip = strip
             .filter(|_| pixel[0] < self.size[0])
             .ok_or_else(|| GpuError::Input {
                 what: format!("pixel {}, {} is outside of the picture", pixel[0], pixel[1]),
             })?;
-        let index = (pixel[1] - tile.rows.start) * self.size[0] + pixel[0];
+        let index = (pixel[1] - strip.rows.start) * self.size[0] + pixel[0];
         let first = u64::from(index) * SURFACE_POINT_BYTES;
         let range = first..first + SURFACE_POINT_BYTES;
-        begin_read_part(&self.gpu, &tile.receiver.points.points, range, |bytes| {
+        begin_read_part(&self.gpu, &strip.receiver.points.points, range, |bytes| {
             VisiblePoint::unpack(&bytemuck::pod_collect_to_vec(&bytes))
         })
     }

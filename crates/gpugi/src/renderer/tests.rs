@@ -1,4 +1,4 @@
-//! Renderers: tiles, threads, and frames that never wait.
+//! Renderers: strips, threads, and frames that never wait.
 
 use std::time::Instant;
 
@@ -20,7 +20,7 @@ fn renderers_may_move_between_threads() {
 
 /// Shadows, mirrors, glass, light in texels and see-through surfaces alike.
 #[test]
-fn a_picture_lit_in_tiles_has_no_seams() {
+fn a_picture_lit_in_strips_has_no_seams() {
     let Some(gpu) = test_gpu() else { return };
     let size = [48, 37];
     let settings = [
@@ -48,24 +48,24 @@ fn a_picture_lit_in_tiles_has_no_seams() {
         assert_eq!(picked, points[30 * 48 + 20]);
         assert!(picked.is_some());
         (
-            renderer.tiles.len(),
+            renderer.strips.len(),
             renderer.radiance().unwrap(),
             renderer.pixels().unwrap(),
         )
     };
     let (one, whole, shown) = picture(u32::MAX);
-    let (several, tiled, shown_tiled) = picture(48 * 8);
+    let (several, stripwise, shown_stripwise) = picture(48 * 8);
     assert_eq!((one, several), (1, 5));
-    assert_eq!(whole.len(), tiled.len());
+    assert_eq!(whole.len(), stripwise.len());
     let far = whole
         .iter()
-        .zip(&tiled)
+        .zip(&stripwise)
         .filter(|(a, b)| (*a - *b).abs() > 1e-3 * a.abs().max(0.05));
     // A rasterizer may decide otherwise at a triangle's edge.
     assert!(far.count() <= 3 * 4);
     let differs = shown
         .iter()
-        .zip(&shown_tiled)
+        .zip(&shown_stripwise)
         .filter(|(a, b)| a.abs_diff(**b) > 1);
     assert!(differs.count() <= 3 * 4);
     assert!(Renderer::pick(&Renderer::new(&gpu, &scene, size, &names).unwrap(), [48, 0]).is_err());

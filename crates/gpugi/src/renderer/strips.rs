@@ -1,4 +1,4 @@
-//! A picture is lit in tiles of rows where its points exceed a buffer.
+//! A picture is lit in strips where its points exceed a buffer.
 
 use std::ops::Range;
 
@@ -9,13 +9,13 @@ use crate::picture::Strip;
 
 /// As many rows of the picture as fit one buffer of surface points.
 #[derive(Debug)]
-pub(super) struct Tile {
+pub(super) struct LitStrip {
     pub rows: Range<u32>,
     pub capture: Capture,
     pub receiver: Receiver,
 }
 
-impl Tile {
+impl LitStrip {
     pub fn strip(&self) -> Strip<'_> {
         Strip {
             receiver: &self.receiver,
@@ -24,14 +24,14 @@ impl Tile {
     }
 }
 
-/// The fewest tiles of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
+/// The fewest strips of whole rows whose points and radiance fit the adapter's buffers, of no more than `most_points`
 /// pixels each.
-pub(super) fn tiles(
+pub(super) fn strips(
     gpu: &Gpu,
     lighting: &Lighting,
     size: [u32; 2],
     most_points: u32,
-) -> Result<Vec<Tile>, GpuError> {
+) -> Result<Vec<LitStrip>, GpuError> {
     let limits = gpu.limits();
     let bytes = limits
         .max_buffer_size
@@ -49,7 +49,7 @@ pub(super) fn tiles(
             let rows = row(index)..row(index + 1);
             let capture = Capture::of_camera(gpu, kernels, [size[0], rows.end - rows.start])?;
             let target = Target::of_pixels(gpu, capture.points.count)?;
-            Ok(Tile {
+            Ok(LitStrip {
                 receiver: Receiver::new(&capture.points, &target),
                 capture,
                 rows,
