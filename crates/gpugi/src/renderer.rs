@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 use glam::Vec2;
 use gpugi_scene::{Camera, LightKind, Scene};
 
-use crate::capture::{SURFACE_POINT_BYTES, View, VisiblePoint};
+use crate::capture::{SURFACE_POINT_BYTES, Target, View, VisiblePoint};
 use crate::default_set::{Techniques, default_set};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
@@ -225,12 +225,13 @@ impl Renderer {
         light_classes(&self.scene)
     }
 
-    /// Bytes that the picture takes: surface points and radiance.
+    /// Bytes that the picture takes: surface points, radiance, and how far away is what they mirror.
     pub fn picture_bytes(&self) -> u64 {
-        let receivers = self.strips.iter().map(|strip| &strip.receiver);
-        receivers
-            .map(|one| one.points.points.size() + one.target.radiance.size())
-            .sum()
+        let of_strip = |LitStrip { receiver, .. }: &LitStrip| {
+            let Target { radiance, mirrored } = &receiver.target;
+            receiver.points.points.size() + radiance.size() + mirrored.size()
+        };
+        self.strips.iter().map(of_strip).sum()
     }
 
     /// The techniques in use.
@@ -499,6 +500,7 @@ impl Renderer {
                 .capture
                 .record(frame, &self.scene, &view, |draw| draw.seen)?;
             frame.flush();
+            frame.clear(&strip.receiver.target.mirrored);
             self.lighting.gather(frame, &self.scene, &strip.receiver)?;
         }
         if self.samples == 0 {

@@ -119,8 +119,8 @@ impl SurfacePoints {
 pub struct Target {
     /// Linear Rec. 709 radiance [W/sr/m^2] in rgb; a counts the samples that hit a surface.
     pub radiance: wgpu::Buffer,
-    /// For points that an eye sees, how far along the mirrored ray lies what they mirror [m], written by techniques that
-    /// know it: one f32 per point, 0 where none does. A single one if nobody asks.
+    /// How far along the mirrored ray lies what ideal mirrors show [m], written by techniques that know it: one f32 per
+    /// pixel of a picture, 0 where none does. Other targets have a single one.
     pub mirrored: wgpu::Buffer,
 }
 
@@ -139,18 +139,18 @@ impl Target {
     ///
     /// # Errors
     /// [`GpuError::OutOfMemory`].
-    pub(crate) fn of(gpu: &Gpu, radiance: wgpu::Buffer) -> Result<Self, GpuError> {
+    pub fn of(gpu: &Gpu, radiance: wgpu::Buffer) -> Result<Self, GpuError> {
         Ok(Self {
             radiance,
             mirrored: mirrored(gpu, 1)?,
         })
     }
 
-    /// A target for `count` pixels, which asks how far what they mirror is.
+    /// A target for `count` pixels of a picture.
     ///
     /// # Errors
     /// As [`Target::new`].
-    pub(crate) fn of_pixels(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
+    pub fn of_pixels(gpu: &Gpu, count: u32) -> Result<Self, GpuError> {
         Ok(Self {
             mirrored: mirrored(gpu, count)?,
             ..Self::new(gpu, count)?

@@ -165,7 +165,7 @@ struct Naming {
 }
 
 impl Naming {
-    /// Of names that fit as well, the last one counts.
+    /// Of names that fit equally well, the last one counts.
     fn new(resources: &[Named<'_>], declared: &[Declared]) -> Self {
         let fit = |one: &Declared, name: &str| match one.name == name {
             true => usize::MAX,

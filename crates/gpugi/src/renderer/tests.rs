@@ -278,3 +278,57 @@ fn refused_edits_change_nothing() {
     assert!(after != before);
     assert!(after == picture(&mut new(&edited)));
 }
+
+/// Mirrors, and nothing else, say how far away is what they show; it lies in the room. What is no mirror any more says no
+/// more.
+#[test]
+fn mirrors_say_how_far_away_their_images_are() {
+    let Some(gpu) = test_gpu() else { return };
+    let size = [48, 36];
+    let mut scene = builtin("room", 1).unwrap();
+    let names = ["shadow-map", "distance-impostor"];
+    let mut renderer = Renderer::new(&gpu, &scene, size, &names).unwrap();
+    renderer
+        .set("distance-impostor", "resolution", "32")
+        .unwrap();
+    let camera = scene.cameras[0].clone();
+    let is_ball = |one: &gpugi_scene::Instance| one.name.as_str() == "sphere";
+    let ball = scene.instances.iter().position(is_ball).unwrap();
+    let (low, high) = (scene.bounds().min - 0.1, scene.bounds().max + 0.1);
+    let eye = camera.world_from_view.w_axis.truncate();
+    let told = |renderer: &mut Renderer| {
+        renderer.restart();
+        renderer.render_sample(&camera, 1, None, false).unwrap();
+        let receiver = &renderer.strips[0].receiver;
+        let count = u64::from(size[0] * size[1]);
+        let distances: Vec<f32> = read_buffer(&gpu, &receiver.target.mirrored, count * 4).unwrap();
+        let points = &receiver.points.points;
+        let points: Vec<u32> = read_buffer(&gpu, points, count * SURFACE_POINT_BYTES).unwrap();
+        let points = points.chunks_exact(12).map(VisiblePoint::unpack);
+        let mut told = [0; 2];
+        for (distance, point) in distances.into_iter().zip(points) {
+            let point = point.filter(|one| one.instance as usize == ball);
+            let Some(point) = point.filter(|_| distance > 0.0) else {
+                assert_eq!(distance, 0.0, "no mirror");
+                continue;
+            };
+            told[0] += 1;
+            // The room is open toward the camera.
+            if distance > 100.0 {
+                continue;
+            }
+            let ray = (point.position - eye).normalize();
+            let normal = point.normal;
+            let image = point.position + distance * (ray - 2.0 * ray.dot(normal) * normal);
+            assert!(image.cmpgt(low).all() && image.cmplt(high).all(), "{image}");
+            told[1] += 1;
+        }
+        told
+    };
+    let [all, in_room] = told(&mut renderer);
+    assert!(in_room > 20 && in_room * 2 > all, "{in_room} of {all}");
+    let material = scene.instances[ball].material;
+    scene.materials[material].roughness = 0.5;
+    renderer.update(&scene).unwrap();
+    assert_eq!(told(&mut renderer), [0; 2]);
+}

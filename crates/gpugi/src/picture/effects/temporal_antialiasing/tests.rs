@@ -84,10 +84,10 @@ fn frames_in_orbit_have_less_error() {
     assert!(averaged < 0.7 * one, "{averaged} of {one}");
 }
 
-/// What mirrors show has a history of its own motion: 1.5 times the error of one sample, softer edges without stairs, where
-/// the mirror's own motion gives 3 times. It takes as long as the maps of an impostor do.
+/// The error is 1.5 times that of one sample, whose edges are sharp and have stairs; with the mirror's own velocity it was 3
+/// times. It takes as long as the maps of an impostor do.
 #[test]
-fn mirrors_in_orbit_have_less_error() {
+fn images_in_mirrors_stay_near_one_sample() {
     let Some(gpu) = test_gpu() else { return };
     let mut scene = builtin("room", 1).unwrap();
     let ball = scene
