@@ -119,7 +119,7 @@ impl SurfacePoints {
 pub struct Target {
     /// Linear Rec. 709 radiance [W/sr/m^2] in rgb; a counts the samples that hit a surface.
     pub radiance: wgpu::Buffer,
-    /// How far along the mirrored ray lies what ideal mirrors show [m], written by techniques that know it: one f32 per
+    /// How far along the mirrored ray lies what ideal mirrors show (m), written by techniques that know it: one f32 per
     /// pixel of a picture, 0 where none does. Other targets have a single one.
     pub mirrored: wgpu::Buffer,
 }
