@@ -26,7 +26,7 @@ fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer) -> f64 {
 }
 
 /// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
-/// the live view by less than `live_most`. Direct light alone differs by more.
+/// the live view by less than `live_most`. Direct light alone differs by more. Bounds are 8 percent above what an H100 finds.
 fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
@@ -45,35 +45,35 @@ fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
 
 #[test]
 fn cornell() {
-    pictures_are_near_the_truth("cornell", 0.1, 0.13);
+    pictures_are_near_the_truth("cornell", 0.088, 0.12);
 }
 
 #[test]
 fn room() {
-    pictures_are_near_the_truth("room", 0.08, 0.14);
+    pictures_are_near_the_truth("room", 0.069, 0.123);
 }
 
 #[test]
 fn chamber() {
-    pictures_are_near_the_truth("chamber", 0.2, 0.23);
+    pictures_are_near_the_truth("chamber", 0.168, 0.211);
 }
 
 #[test]
 fn teapot() {
-    pictures_are_near_the_truth("teapot", 0.035, 0.08);
+    pictures_are_near_the_truth("teapot", 0.0265, 0.0735);
 }
 
 #[test]
 fn spheres() {
-    pictures_are_near_the_truth("spheres", 0.04, 0.055);
+    pictures_are_near_the_truth("spheres", 0.0335, 0.0522);
 }
 
 #[test]
 fn shapes() {
-    pictures_are_near_the_truth("shapes", 0.06, 0.1);
+    pictures_are_near_the_truth("shapes", 0.0525, 0.0905);
 }
 
 #[test]
 fn window_room() {
-    pictures_are_near_the_truth("window-room", 0.15, 0.28);
+    pictures_are_near_the_truth("window-room", 0.106, 0.255);
 }
