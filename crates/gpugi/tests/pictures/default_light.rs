@@ -26,8 +26,8 @@ fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer) -> f64 {
 }
 
 /// The still picture of a scene differs from the truth by less than `most`, which holds part of the reference's noise, and
-/// the live view by less than `live_most`. Direct light alone differs by more. Bounds are 8
-/// percent above what an H100 or llvmpipe finds, whichever finds more.
+/// the live view by less than `live_most`. Direct light alone differs by more. The bounds are
+/// 8 percent above the greater error of an H100's picture and llvmpipe's.
 fn pictures_are_near_the_truth(name: &str, most: f64, live_most: f64) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");

@@ -64,8 +64,7 @@ fn assert_alike(gpu: &Gpu, scene: &Scene, compute: &mut DepthCompute, count: u32
             (low.min(*depth), high.max(*depth))
         })
     };
-    // GPUs round corners to 1/256 of a texel, which changes depths on slopes: two texels' difference is what `range_around`
-    // tells.
+    // GPUs round corners to 1/256 of a texel, which changes depths on slopes. Three texels span two steps of a slope.
     let differing: Vec<usize> = (0..hardware.len())
         .filter(|&at| {
             let (low, high) = range_around(at);
