@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use glam::{DVec3, Vec3};
 use gpugi_scene::{
-    Camera, Environment, FileResolver, Limits, Scene, builtin, import, import_environment,
-    import_file, import_file_within,
+    Camera, Environment, FileResolver, Lens, Limits, Projection, Scene, builtin, import,
+    import_environment, import_file, import_file_within, lens,
 };
 use serde::{Deserialize, Serialize};
 
@@ -230,9 +230,8 @@ pub fn view(
 ) -> anyhow::Result<(Camera, Option<Vec3>)> {
     match choice.filter(|choice| choice.contains('=')) {
         Some(text) => {
-            let (camera, target) =
-                look_at(scene, text).map_err(|error| Usage(format!("--camera: {error:#}")))?;
-            Ok((camera, Some(target)))
+            let seen = look_at(scene, text);
+            Ok(seen.map_err(|error| Usage(format!("--camera: {error:#}")))?)
         }
         None => Ok((camera_of_scene(scene, choice, aspect)?, None)),
     }
@@ -270,37 +269,56 @@ fn camera_of_scene(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::
     })
 }
 
-/// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES`, with eye and target in the file's coordinates, and returns the
-/// target, too. A missing eye or target is chosen to frame the scene; a missing up is +Y, a missing fov 35 degrees.
-fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Vec3)> {
-    let framing = Camera::framing(&scene.bounds(), 1.0);
-    let mut eye = framing.world_from_view.w_axis.truncate();
-    let mut target = scene.bounds().center();
-    let point = |text: &str| anyhow::Ok(scene.in_world(DVec3::from_array(numbers(text)?)));
-    let mut up = None;
-    let mut degrees = 35.0;
+/// What `--camera` may say of a camera, and how many numbers each takes.
+const KEYS: &str = "eye, target, up, fov, from, aperture, focus, blades and shutter";
+
+/// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES;aperture=M;focus=M;blades=N;shutter=S`, with eye and target in the
+/// file's coordinates, and returns the target, too. A missing eye or target is chosen to frame the scene; a missing up is
+/// +Y, a missing fov 35 degrees, a missing focus is at the target. Without eye and target, it is a camera of the scene:
+/// that which `from` names, else the first; what is missing is as this camera has it, and there is no target.
+fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> {
+    let mut given = std::collections::BTreeMap::new();
     for part in text.split(';').filter(|part| !part.trim().is_empty()) {
         let (key, value) = part.split_once('=').context("expected key=value")?;
-        match key.trim() {
-            "eye" => eye = point(value)?,
-            "target" => target = point(value)?,
-            "up" => up = Some(Vec3::from(numbers(value)?)),
-            "fov" => {
-                degrees = value
-                    .trim()
-                    .parse()
-                    .context("fov needs a number of degrees")?
-            }
-            other => anyhow::bail!("there is no {other:?}; there are eye, target, up and fov"),
-        }
+        let key = key.trim();
+        let is_known = KEYS.split([',', ' ']).any(|known| known == key);
+        anyhow::ensure!(is_known && key != "and", "there is no {key:?}; there are {KEYS}");
+        given.insert(key, value.trim());
     }
+    let number = |key: &str, unit: &str| {
+        let parse = |value: &&str| {
+            let number: Result<f32, _> = value.parse();
+            number.with_context(|| format!("{key} needs {unit}, not {value:?}"))
+        };
+        given.get(key).map(parse).transpose()
+    };
+    let point = |key: &str| {
+        let parse = |text: &&str| anyhow::Ok(scene.in_world(DVec3::from_array(numbers(text)?)));
+        given.get(key).map(parse).transpose()
+    };
+    let (eye, target) = (point("eye")?, point("target")?);
+    let degrees = number("fov", "a number of degrees")?;
     anyhow::ensure!(
-        (1.0..=170.0).contains(&degrees),
+        degrees.is_none_or(|degrees| (1.0..=170.0).contains(&degrees)),
         "fov must lie between 1 and 170 degrees"
     );
-    anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
-    let mut camera = Camera::look_at("command line", eye, target, f32::to_radians(degrees));
-    if let Some(up) = up {
+    let (mut camera, target) = if eye.is_none() && target.is_none() {
+        (camera_of_scene(scene, given.get("from").copied(), 1.0)?, None)
+    } else {
+        anyhow::ensure!(!given.contains_key("from"), "give either from, or eye and target");
+        let framing = Camera::framing(&scene.bounds(), 1.0);
+        let eye = eye.unwrap_or(framing.world_from_view.w_axis.truncate());
+        let target = target.unwrap_or(scene.bounds().center());
+        anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
+        (Camera::look_at("command line", eye, target, 35.0_f32.to_radians()), Some((eye, target)))
+    };
+    if let Some(degrees) = degrees {
+        camera.projection = Projection::Perspective {
+            vertical_fov: degrees.to_radians(),
+        };
+    }
+    if let Some(up) = given.get("up") {
+        let up = Vec3::from(numbers(up)?);
         let backward = camera.world_from_view.z_axis.truncate();
         let right = up.normalize_or_zero().cross(backward);
         anyhow::ensure!(right.length() > 1e-6, "up must point aside of the view");
@@ -308,7 +326,24 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Vec3)> {
         camera.world_from_view.x_axis = right.extend(0.0);
         camera.world_from_view.y_axis = backward.cross(right).extend(0.0);
     }
-    Ok((camera, target))
+    let aperture = number("aperture", "a radius in metres")?.unwrap_or(camera.lens.aperture);
+    let of_camera = (!camera.lens.is_pinhole()).then_some(camera.lens.focus);
+    let of_target = target.map(|(eye, target)| eye.distance(target));
+    let focus = number("focus", "a distance in metres")?.or(of_target).or(of_camera);
+    anyhow::ensure!(
+        focus.is_some() || aperture <= 0.0,
+        "an aperture needs focus=, the distance at which the camera sees sharply (m)"
+    );
+    let blades = match given.get("blades") {
+        Some(value) => {
+            let count = value.parse();
+            count.with_context(|| format!("blades needs a number, not {value:?}"))?
+        }
+        None => camera.lens.blades,
+    };
+    camera.lens = Lens::new(aperture, focus.unwrap_or(1.0), blades)?;
+    camera.shutter = lens::shutter(number("shutter", "a number of seconds")?.unwrap_or(camera.shutter))?;
+    Ok((camera, target.map(|(_, target)| target)))
 }
 
 #[cfg(test)]
@@ -339,11 +374,36 @@ mod tests {
             ("eye=0,3,0;target=0,1,0;up=0,1,0", "aside"),
             ("eye=0,3,0;target=0,1,0;up=0,0,0", "aside"),
             ("eye=0,3,0;target=0,1,0;up=1,nan,0", "x,y,z"),
-            ("eye=0,3,0;down=0,1,0", "there are eye, target, up and fov"),
+            ("eye=0,3,0;down=0,1,0", "there are eye, target, up, fov, from,"),
             ("eye=0,1,0;target=0,1,0", "differ"),
+            ("eye=0,1,3;aperture=-1", "an aperture of -1 m"),
+            ("eye=0,1,3;aperture=nan", "an aperture of NaN m"),
+            ("eye=0,1,3;aperture=0.1;focus=0", "a focus of 0 m"),
+            ("eye=0,1,3;aperture=0.1;blades=2", "2 blades"),
+            ("eye=0,1,3;blades=six", "blades needs a number"),
+            ("eye=0,1,3;shutter=-1", "a shutter of -1 s"),
+            ("aperture=0.1", "needs focus="),
+            ("from=nobody;fov=30", "there is no camera"),
+            ("from=0;eye=0,1,3", "either from"),
         ] {
             let error = format!("{:#}", seen_as(wrong).unwrap_err());
             assert!(error.contains(said), "{wrong}: {error}");
         }
+    }
+
+    #[test]
+    fn a_lens_is_put_on_a_camera_of_the_scene_or_focused_on_the_target() {
+        let mut scene = builtin::builtin("cornell", 1).unwrap();
+        let seen_as = |scene: &Scene, words: &str| view(scene, Some(words), 1.0).unwrap();
+        let (camera, _) = seen_as(&scene, "eye=0,1,3;target=0,1,0;aperture=0.05;blades=6");
+        assert_eq!(camera.lens, Lens::new(0.05, 3.0, 6).unwrap());
+        let (camera, target) = seen_as(&scene, "aperture=0.1;focus=2.5;shutter=0.02");
+        assert_eq!((target, camera.shutter), (None, 0.02));
+        assert_eq!(camera.lens, Lens::new(0.1, 2.5, 0).unwrap());
+        assert_eq!(camera.world_from_view, scene.cameras[0].world_from_view);
+        scene.cameras.push(camera);
+        let last = format!("from={};aperture=0.2", scene.cameras.len() - 1);
+        assert_eq!(seen_as(&scene, &last).0.lens, Lens::new(0.2, 2.5, 0).unwrap());
+        assert_eq!(seen_as(&scene, "aperture=0").0.lens, Lens::PINHOLE);
     }
 }

@@ -4,6 +4,7 @@ use glam::{Mat4, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::bounds::Bounds;
+use crate::lens::Lens;
 use crate::names::Name;
 
 /// How a camera projects the scene onto its image.
@@ -21,7 +22,8 @@ pub enum Projection {
     },
 }
 
-/// A camera that looks along its local -Z; +Y is up.
+/// A camera that looks along its local -Z; +Y is up. It sees through an ideal thin lens, and for as long as its shutter is
+/// open.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// Name, for `--camera NAME`.
@@ -30,6 +32,10 @@ pub struct Camera {
     pub world_from_view: Mat4,
     /// Perspective or orthographic.
     pub projection: Projection,
+    /// What it does not see sharply.
+    pub lens: Lens,
+    /// Time for which the shutter is open, from the time of the picture on (s); 0: the picture is of one moment.
+    pub shutter: f32,
     /// The animation node that carries the camera, if any.
     pub node: Option<usize>,
 }
@@ -55,6 +61,8 @@ impl Camera {
                 eye.extend(1.0),
             ),
             projection: Projection::Perspective { vertical_fov },
+            lens: Lens::PINHOLE,
+            shutter: 0.0,
             node: None,
         }
     }

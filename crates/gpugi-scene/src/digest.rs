@@ -65,12 +65,14 @@ impl Scene {
 }
 
 impl Camera {
-    /// BLAKE3 of the camera's placement and projection.
+    /// BLAKE3 of the camera's placement, projection, lens and shutter.
     pub fn digest(&self) -> [u8; 32] {
         let Self {
             name: _,
             world_from_view,
             projection,
+            lens,
+            shutter,
             node: _,
         } = self;
         let mut hasher = Hasher::new();
@@ -78,6 +80,12 @@ impl Camera {
         match projection {
             Projection::Perspective { vertical_fov } => plain(&mut hasher, &[0.0, *vertical_fov]),
             Projection::Orthographic { height } => plain(&mut hasher, &[1.0, *height]),
+        }
+        if !lens.is_pinhole() {
+            plain(&mut hasher, &[2.0, lens.aperture, lens.focus, lens.blades as f32]);
+        }
+        if *shutter > 0.0 {
+            plain(&mut hasher, &[3.0, *shutter]);
         }
         *hasher.finalize().as_bytes()
     }

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::ops::Add;
 
 use glam::{Mat3, Mat4, Vec2, Vec3, Vec3Swizzles};
-use gpugi_scene::{Bounds, Camera, Projection, Scene};
+use gpugi_scene::{Bounds, Camera, Lens, Projection, Scene};
 
 /// Steepest angle against the horizon (rad): beyond straight up or down, the picture would stand on its head.
 const STEEPEST: f32 = FRAC_PI_2;
@@ -87,6 +87,8 @@ pub struct CameraControl {
     shown: Viewpoint,
     goal: Viewpoint,
     is_parallel: bool,
+    lens: Lens,
+    shutter: f32,
     /// Size of the scene, by which it zooms and flies (m).
     diagonal: f32,
 }
@@ -102,6 +104,8 @@ impl CameraControl {
             shown: viewpoint,
             goal: viewpoint,
             is_parallel: matches!(camera.projection, Projection::Orthographic { .. }),
+            lens: camera.lens,
+            shutter: camera.shutter,
             diagonal: size_of(bounds),
         }
     }
@@ -160,6 +164,8 @@ impl CameraControl {
                     vertical_fov: opening,
                 }
             },
+            lens: self.lens,
+            shutter: self.shutter,
             node: None,
         }
     }

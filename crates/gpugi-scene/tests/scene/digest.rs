@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{Affine2, DVec3, Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::{
-    AlphaMode, Camera, Environment, Image, Light, LightKind, Material, MaterialModel, Mesh, Pixels,
+    AlphaMode, Camera, Environment, Image, Lens, Light, LightKind, Material, MaterialModel, Mesh, Pixels,
     Projection, Scene, Texture, TextureRef, Volume, Wrap,
 };
 
@@ -302,11 +302,14 @@ fn a_camera_is_where_it_is_and_how_it_projects() {
         ..camera.clone()
     };
     assert_eq!(renamed.digest(), camera.digest());
-    let changes: [fn(&mut Camera); 4] = [
+    let changes: [fn(&mut Camera); 7] = [
         |_| {},
         |camera| camera.world_from_view.w_axis.x = 1.0,
         |camera| camera.projection = Projection::Perspective { vertical_fov: 1.5 },
         |camera| camera.projection = Projection::Orthographic { height: 1.0 },
+        |camera| camera.lens = Lens::new(0.1, 2.0, 0).unwrap(),
+        |camera| camera.lens = Lens::new(0.1, 2.0, 6).unwrap(),
+        |camera| camera.shutter = 0.02,
     ];
     let digests = changes.map(|change| {
         let mut changed = camera.clone();

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec4};
-use gpugi_scene::{Bounds, Camera, Projection};
+use gpugi_scene::{Bounds, Camera, Lens, Projection};
 
 use super::depth::DepthViewSpec;
 
@@ -135,6 +135,54 @@ impl View {
         self
     }
 
+    /// What the camera sees through a point of its lens, which lies `beside` the lens's centre (m, to the right and up):
+    /// what lies at the distance `focus` along the axis stays where it is in the picture, and the rest moves. With l the
+    /// point, rays start at o + l and point to d - l / f.
+    pub fn through(mut self, beside: Vec2, focus: f32) -> Self {
+        let axes = [0, 1].map(|axis| self.world_from_view.col(axis).truncate());
+        let beside_in_world = axes[0] * beside.x + axes[1] * beside.y;
+        let moved = |from: [f32; 3], by: Vec3| (Vec3::from(from) + by).to_array();
+        self.uniform.origin = moved(self.uniform.origin, beside_in_world);
+        self.uniform.direction = moved(self.uniform.direction, -beside_in_world / focus);
+        // In view space, whose points in focus have z = -f: x' = x - l - l z / f.
+        let mut shear = Mat4::from_translation(-beside.extend(0.0));
+        shear.z_axis = (-beside / focus).extend(1.0).extend(0.0);
+        let view_from_world = self.world_from_view.inverse();
+        let sheared_from_world = self.world_from_view * shear * view_from_world;
+        self.clip_from_world *= sheared_from_world;
+        self
+    }
+
+    /// A view without samples that sees all that `camera` sees through any point of its lens: its eye stands so far behind
+    /// the lens, and its field of view is so much wider, that it holds what each of them sees. For maps that follow the
+    /// camera.
+    pub fn of_whole_lens(camera: &Camera, size: [u32; 2], seed: u32, diagonal: f32) -> Self {
+        let mut camera = camera.clone();
+        let Lens {
+            aperture, focus, ..
+        } = std::mem::take(&mut camera.lens);
+        if aperture > 0.0 {
+            // At the distance z from the lens, its points see a |z / f - 1| farther to each side than its centre.
+            let aspect = size[0] as f32 / size[1] as f32;
+            match &mut camera.projection {
+                Projection::Perspective { vertical_fov } => {
+                    let tangent = (*vertical_fov / 2.0).tan();
+                    let narrower = aspect.min(1.0);
+                    let wider = tangent + aperture / focus / narrower;
+                    *vertical_fov = 2.0 * wider.atan();
+                    let behind = aperture / (tangent * narrower);
+                    camera.world_from_view.w_axis += camera.world_from_view.z_axis * behind;
+                }
+                Projection::Orthographic { height } => {
+                    let eye = camera.world_from_view.w_axis.truncate();
+                    let reach = ((eye.length() + diagonal) / focus - 1.0).max(1.0);
+                    *height += 2.0 * aperture * reach / aspect.min(1.0);
+                }
+            }
+        }
+        Self::new(&camera, size, Vec2::ZERO, Self::NO_SAMPLE, seed, diagonal)
+    }
+
     /// What the same camera sees in a picture of another size, in no sample, for a scene of this `diagonal` (m).
     pub fn at_size(&self, size: [u32; 2], diagonal: f32) -> Self {
         let projection = if self.is_perspective {
@@ -150,6 +198,8 @@ impl View {
             name: Default::default(),
             world_from_view: self.world_from_view,
             projection,
+            lens: Lens::PINHOLE,
+            shutter: 0.0,
             node: None,
         };
         Self::new(&camera, size, Vec2::ZERO, Self::NO_SAMPLE, 0, diagonal)

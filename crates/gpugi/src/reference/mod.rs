@@ -34,7 +34,7 @@ use web_time::Instant;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, Lens, Scene};
 
 use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
@@ -94,6 +94,16 @@ struct Parameters {
     solids: [u32; 4],
 }
 
+/// `Lens` of reference/lens.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct LensUniform {
+    right: [f32; 3],
+    focus: f32,
+    up: [f32; 3],
+    blades: u32,
+}
+
 /// A pass over the image, and its progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pass {
@@ -149,6 +159,7 @@ pub struct PathTracer {
     noise_kernel: Kernel,
     shown_kernel: Kernel,
     view: wgpu::Buffer,
+    lens: wgpu::Buffer,
     parameters: wgpu::Buffer,
     tiles: Vec<Tile>,
     tile_side: u32,
@@ -252,12 +263,13 @@ impl PathTracer {
             "path-tracer.view",
             std::mem::size_of::<crate::capture::ViewUniform>() as u64,
         )?;
+        let lens = uniform("path-tracer.lens", size_of::<LensUniform>() as u64)?;
         let parameters = uniform(
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let photons = (lit.aims.as_ref())
-            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, &view))
+            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, (&view, &lens)))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
         constants.push(on_gpu.media_constant());
@@ -271,6 +283,7 @@ impl PathTracer {
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
         let mut buffers = vec![
             ("seen", &view),
+            ("lens", &lens),
             ("settings", &parameters),
             ("automaton", &automaton),
         ];
@@ -286,6 +299,7 @@ impl PathTracer {
             noise_kernel,
             shown_kernel,
             view,
+            lens,
             parameters,
             tiles: Vec::new(),
             tile_side,
@@ -469,7 +483,20 @@ impl PathTracer {
         );
         self.gpu
             .write(&self.view, 0, std::slice::from_ref(&view.uniform));
-        let eye = camera.world_from_view.w_axis.truncate();
+        let [right, up, _, eye] =
+            [0, 1, 2, 3].map(|column| camera.world_from_view.col(column).truncate());
+        let Lens {
+            aperture,
+            focus,
+            blades,
+        } = camera.lens;
+        let lens = LensUniform {
+            right: (aperture * right).to_array(),
+            focus,
+            up: (aperture * up).to_array(),
+            blades,
+        };
+        self.gpu.write(&self.lens, 0, std::slice::from_ref(&lens));
         self.around_eye = surroundings::around(&self.lit.solids, eye);
     }
 

@@ -411,7 +411,7 @@ impl Writer<'_> {
     }
 
     fn camera(&mut self, camera: &Camera) -> Result<(), ExportError> {
-        let projection = match camera.projection {
+        let mut json = match camera.projection {
             Projection::Perspective { vertical_fov } => json!({
                 "type": "perspective", "perspective": { "yfov": vertical_fov, "znear": NEAR },
             }),
@@ -426,7 +426,19 @@ impl Writer<'_> {
                 })
             }
         };
-        let index = self.output.json.push("cameras", projection)?;
+        let mut extras = serde_json::Map::new();
+        if !camera.lens.is_pinhole() {
+            extras.insert("aperture".to_owned(), json!(camera.lens.aperture));
+            extras.insert("focus".to_owned(), json!(camera.lens.focus));
+            extras.insert("blades".to_owned(), json!(camera.lens.blades));
+        }
+        if camera.shutter > 0.0 {
+            extras.insert("shutter".to_owned(), json!(camera.shutter));
+        }
+        if !extras.is_empty() {
+            json["extras"] = json!({ "gpugi": extras });
+        }
+        let index = self.output.json.push("cameras", json)?;
         self.node(&camera.name, camera.world_from_view, "camera", index.into())?;
         Ok(())
     }

@@ -6,6 +6,7 @@ use serde::de::IgnoredAny;
 use serde_json::Value;
 
 use super::document::Document;
+use crate::lens::{Lens, shutter};
 use crate::{ImportError, MaterialModel};
 
 #[derive(Deserialize)]
@@ -44,6 +45,15 @@ struct NodeExtras {
 struct LightExtras {
     #[serde(default)]
     radius: f32,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct CameraExtras {
+    aperture: f32,
+    focus: Option<f32>,
+    blades: u32,
+    shutter: f32,
 }
 
 /// The reflection model that a material's extras select.
@@ -108,4 +118,26 @@ pub fn light_radius(document: &Document, extras: &Value, place: &str) -> Result<
         return Err(document.error(place, "radius must be finite and not negative"));
     }
     Ok(extras.radius)
+}
+
+/// The lens of camera `index`, and the time for which its shutter is open (s), from its extras.
+pub fn lens(
+    document: &Document,
+    extras: &Value,
+    index: usize,
+) -> Result<(Lens, f32), ImportError> {
+    let Some(value) = extras.get("gpugi") else {
+        return Ok((Lens::PINHOLE, 0.0));
+    };
+    let place = format!("cameras[{index}].extras.gpugi");
+    let extras = CameraExtras::deserialize(value).map_err(|error| document.error(&place, error))?;
+    if extras.aperture > 0.0 && extras.focus.is_none() {
+        return Err(document.error(
+            format!("{place}.focus"),
+            "an aperture needs the distance at which the camera sees sharply (m)",
+        ));
+    }
+    let lens = Lens::new(extras.aperture, extras.focus.unwrap_or(1.0), extras.blades);
+    let both = lens.and_then(|lens| Ok((lens, shutter(extras.shutter)?)));
+    both.map_err(|error| document.error(place, error))
 }

@@ -278,10 +278,13 @@ impl Placer<'_> {
             let place = format!("{place}.camera");
             let source = document.get(&root.cameras, "camera", camera, &place)?;
             let name = node.name.clone().or_else(|| source.name.clone());
+            let (lens, shutter) = extras::lens(document, &source.extras, camera)?;
             scene.cameras.push(Camera {
                 name: name.unwrap_or_else(|| format!("camera {}", scene.cameras.len()).into()),
                 world_from_view: rigid(world_from_node),
                 projection: projection(document, source, camera)?,
+                lens,
+                shutter,
                 node: Some(index),
             });
         }

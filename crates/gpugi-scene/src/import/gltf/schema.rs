@@ -298,6 +298,7 @@ pub struct Camera {
     pub name: Option<Name>,
     pub perspective: Option<Perspective>,
     pub orthographic: Option<Orthographic>,
+    pub extras: Value,
 }
 
 #[derive(Debug, Deserialize)]

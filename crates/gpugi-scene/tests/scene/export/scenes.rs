@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Affine2, Vec2, Vec3, Vec4, vec2, vec3};
 use gpugi_scene::export::{BakedLight, BakedPage, export_bake, export_scene};
 use gpugi_scene::{
-    AlphaMode, Camera, Image, Light, LightKind, Limits, Material, MaterialModel, Mesh, Pixels,
+    AlphaMode, Camera, Image, Lens, Light, LightKind, Limits, Material, MaterialModel, Mesh, Pixels,
     Projection, Scene, Texture, TextureRef, Volume, Wrap, builtin, import,
 };
 
@@ -165,6 +165,8 @@ fn everything() -> Scene {
         .push(Camera::look_at("front", Vec3::Z, Vec3::ZERO, 1.0));
     scene.cameras.push(Camera {
         projection: Projection::Orthographic { height: 3.0 },
+        lens: Lens::new(0.25, 1.5, 6).unwrap(),
+        shutter: 0.125,
         ..Camera::look_at("plan", Vec3::Y, Vec3::ZERO, 1.0)
     });
     let spot = LightKind::Spot {

@@ -124,7 +124,8 @@ pub(super) fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<L
 }
 
 impl Photons {
-    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen` the camera's view.
+    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen` and `lens` what the
+    /// camera sees.
     /// [`Photons::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
@@ -132,7 +133,7 @@ impl Photons {
         aims: &Aims,
         filter: &PathFilter,
         constants: &[(&str, f64)],
-        seen: &wgpu::Buffer,
+        (seen, lens): (&wgpu::Buffer, &wgpu::Buffer),
     ) -> Result<Self, GpuError> {
         let options = KernelOptions {
             constants,
@@ -150,6 +151,7 @@ impl Photons {
         let automaton = gpu.storage("photons.automaton", &filter.light_automaton().words())?;
         let own: &Named<'_> = &[
             ("seen", seen),
+            ("lens", lens),
             ("settings", &emission),
             ("automaton", &automaton),
         ];
