@@ -40,7 +40,7 @@ fn main() {
             "techniques/library.wesl",
         ]
         .iter()
-        .any(|one| path.ends_with(one));
+        .any(|library| path.ends_with(library));
         if !has_entry_point && !is_library {
             continue;
         }

@@ -51,7 +51,7 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
     let (name, key) = rest.rsplit_once('.').context(HELP)?;
     match kind {
         "light" => {
-            let index = index(name, scene.lights.iter().map(|one| one.name.as_str()))?;
+            let index = index(name, scene.lights.iter().map(|light| light.name.as_str()))?;
             let mut light = scene.lights[index].clone();
             let (position, direction) = (light.position(), light.direction());
             match key {
@@ -66,7 +66,13 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
             Ok(Edit::Light { index, light })
         }
         "object" => {
-            let index = index(name, scene.instances.iter().map(|one| one.name.as_str()))?;
+            let index = index(
+                name,
+                scene
+                    .instances
+                    .iter()
+                    .map(|instance| instance.name.as_str()),
+            )?;
             let mut place = scene.instances[index].world_from_mesh;
             match key {
                 "position" => place.w_axis = point(value, scene)?.extend(1.0),
@@ -79,7 +85,13 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
             })
         }
         "material" => {
-            let index = index(name, scene.materials.iter().map(|one| one.name.as_str()))?;
+            let index = index(
+                name,
+                scene
+                    .materials
+                    .iter()
+                    .map(|material| material.name.as_str()),
+            )?;
             let mut material = Box::new(scene.materials[index].clone());
             match key {
                 "base-color" => {
@@ -200,7 +212,7 @@ fn written<T: Display>(vector: impl Into<[T; 3]>) -> String {
 /// Index of the thing with this name, or with this index.
 fn index<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> anyhow::Result<usize> {
     let names: Vec<&str> = names.collect();
-    let named = names.iter().position(|one| *one == name);
+    let named = names.iter().position(|known| *known == name);
     let by_index = || name.parse().ok().filter(|index| *index < names.len());
     named.or_else(by_index).with_context(|| {
         let some: Vec<&str> = names.iter().copied().take(20).collect();

@@ -39,7 +39,7 @@ fn is_one_of(file: &str, extensions: &[&str]) -> bool {
     let extension = extension.unwrap_or_default().to_string_lossy();
     extensions
         .iter()
-        .any(|one| extension.eq_ignore_ascii_case(one))
+        .any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 impl Resolver for Files {

@@ -61,7 +61,7 @@ pub fn explain(
     let inspections: BTreeMap<_, _> = renderer.inspect().collect();
     for technique in renderer.techniques() {
         let name = technique.info().name;
-        let choice = set.and_then(|set| set.choices.iter().find(|one| one.technique == name));
+        let choice = set.and_then(|set| set.choices.iter().find(|choice| choice.technique == name));
         println!("{name}");
         match choice {
             Some(choice) => {

@@ -182,7 +182,7 @@ fn list(what: What) {
         What::Settings => {}
         What::Techniques => {
             let registry = gpugi::techniques::Registry::default();
-            let infos = registry.all().iter().map(|one| one.info);
+            let infos = registry.all().iter().map(|registration| registration.info);
             for info in infos.chain([&gpugi::reference::INFO]) {
                 let paths: Vec<String> = info
                     .paths
@@ -219,16 +219,17 @@ fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> 
         gpugi::reference::Settings::fields(),
     );
     let techniques = registry.all().iter();
-    let techniques = techniques.map(|one| (one.info.name, (one.fields)()));
+    let techniques =
+        techniques.map(|registration| (registration.info.name, (registration.fields)()));
     let effects = gpugi::picture::Effects::default();
     let effects = effects
         .all()
         .map(|(name, settings)| (name, settings.fields()));
     let all: Vec<_> = techniques.chain([tracer]).chain(effects).collect();
     if let Some(name) = technique
-        && !all.iter().any(|(one, _)| *one == name)
+        && !all.iter().any(|(owner, _)| *owner == name)
     {
-        let known: Vec<&str> = all.iter().map(|(one, _)| *one).collect();
+        let known: Vec<&str> = all.iter().map(|(owner, _)| *owner).collect();
         let message = format!(
             "there is no technique or effect {name:?}; there are: {}",
             known.join(", ")
@@ -240,12 +241,12 @@ fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> 
             "# Settings\n\n`gpugi list settings --markdown` writes this page. Set one with `--set technique.setting=value`, or with\n`--set effect.setting=value` for what happens to pictures before they are shown."
         );
     }
-    for (one, fields) in all {
-        if technique.is_some_and(|name| name != one) {
+    for (owner, fields) in all {
+        if technique.is_some_and(|name| name != owner) {
             continue;
         }
         if markdown {
-            println!("\n## {one}\n\n| setting | default | values | meaning |\n|---|---|---|---|");
+            println!("\n## {owner}\n\n| setting | default | values | meaning |\n|---|---|---|---|");
         }
         for field in fields {
             let default = match (&field.default, field.default.as_f64()) {
@@ -266,7 +267,7 @@ fn list_settings(technique: Option<&str>, markdown: bool) -> anyhow::Result<()> 
                     field.help.replace('|', "\\|")
                 );
             } else {
-                println!("{one}.{}={default}", field.name);
+                println!("{owner}.{}={default}", field.name);
                 if !values.is_empty() {
                     println!("    {values}");
                 }

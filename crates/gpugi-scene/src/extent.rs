@@ -32,23 +32,24 @@ pub fn core_of(boxes: &[Bounds], all: Bounds) -> Bounds {
 /// its boxes.
 fn core_around(boxes: &[Bounds], rank: usize) -> Option<(Bounds, usize)> {
     let middle = Vec3::from_array([0, 1, 2].map(|axis| {
-        let centers = boxes.iter().map(|one| one.center()[axis]);
+        let centers = boxes.iter().map(|bounds| bounds.center()[axis]);
         let mut centers: Vec<f32> = centers.collect();
         match rank < centers.len() {
             true => *centers.select_nth_unstable_by(rank, f32::total_cmp).1,
             false => 0.0,
         }
     }));
-    let reach = |one: &Bounds| {
-        let farthest = (one.max - middle).abs().max((one.min - middle).abs());
+    let reach = |bounds: &Bounds| {
+        let farthest = (bounds.max - middle).abs().max((bounds.min - middle).abs());
         farthest.length()
     };
-    let mut by_reach: Vec<(f32, &Bounds)> = boxes.iter().map(|one| (reach(one), one)).collect();
+    let mut by_reach: Vec<(f32, &Bounds)> =
+        boxes.iter().map(|bounds| (reach(bounds), bounds)).collect();
     by_reach.sort_by(|a, b| a.0.total_cmp(&b.0));
     let is_gap = |pair: &[(f32, &Bounds)]| pair[1].0 > GAP * pair[0].0 && pair[0].0 > 0.0;
     let count = by_reach.windows(2).position(is_gap);
     let count = count.map_or(by_reach.len(), |last| last + 1);
-    let core = by_reach[..count].iter().map(|(_, one)| **one);
+    let core = by_reach[..count].iter().map(|(_, bounds)| **bounds);
     (2 * count >= boxes.len()).then(|| (core.fold(Bounds::EMPTY, Bounds::union), count))
 }
 
@@ -59,7 +60,7 @@ impl Scene {
         let boxes = self
             .instances
             .iter()
-            .map(|one| mesh_bounds[one.mesh].transformed(&one.world_from_mesh))
+            .map(|instance| mesh_bounds[instance.mesh].transformed(&instance.world_from_mesh))
             .collect::<Vec<_>>();
         core_of(&boxes, self.bounds())
     }

@@ -65,7 +65,7 @@ impl Lights {
         let shining = scene
             .lights
             .iter()
-            .filter(|one| one.intensity != Vec3::ZERO);
+            .filter(|light| light.intensity != Vec3::ZERO);
         for light in shining {
             match light.kind {
                 LightKind::Directional => from_afar = true,
@@ -80,14 +80,18 @@ impl Lights {
                 let step = positions.len().div_ceil(MOST_VERTICES).max(1);
                 let world_from_mesh = instance.world_from_mesh.as_dmat4();
                 let some = positions.iter().step_by(step);
-                places.extend(some.map(|one| world_from_mesh.transform_point3(one.as_dvec3())));
+                places.extend(
+                    some.map(|position| world_from_mesh.transform_point3(position.as_dvec3())),
+                );
             }
         }
         for medium in &scene.media {
             if medium.emission != Vec3::ZERO {
-                let center = medium.world_from_box.map(|one| one.w_axis.truncate());
+                let center = medium
+                    .world_from_box
+                    .map(|world_from_box| world_from_box.w_axis.truncate());
                 from_afar |= center.is_none();
-                places.extend(center.map(|one| one.as_dvec3()));
+                places.extend(center.map(|center| center.as_dvec3()));
             }
         }
         from_afar |= places.is_empty();
@@ -109,7 +113,7 @@ impl Lights {
             .iter()
             .map(|triangle| triangle.each_ref().map(corner))
             .collect();
-        let bounds = Bounds::of(triangles.as_flattened().iter().map(|one| one.as_vec3()));
+        let bounds = Bounds::of(triangles.as_flattened().iter().map(|point| point.as_vec3()));
         let volume: f64 = triangles.iter().map(|[a, b, c]| a.dot(b.cross(*c))).sum();
         let faces_outward = volume * sign > 0.0;
         if faces_outward && self.from_afar {

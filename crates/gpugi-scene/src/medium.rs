@@ -155,25 +155,25 @@ mod tests {
         };
         type Damage = fn(&mut Medium);
         let wrong: [(&str, Damage); 10] = [
-            ("extinction", |one| one.extinction.y = -1.0),
-            ("extinction", |one| one.extinction.y = f32::INFINITY),
-            ("albedo", |one| one.albedo.z = 1.1),
-            ("albedo", |one| one.albedo.z = f32::NAN),
-            ("emission", |one| one.emission.x = f32::NAN),
-            ("g is", |one| {
-                one.phase = PhaseFunction::CornetteShanks(-1.5)
+            ("extinction", |medium| medium.extinction.y = -1.0),
+            ("extinction", |medium| medium.extinction.y = f32::INFINITY),
+            ("albedo", |medium| medium.albedo.z = 1.1),
+            ("albedo", |medium| medium.albedo.z = f32::NAN),
+            ("emission", |medium| medium.emission.x = f32::NAN),
+            ("g is", |medium| {
+                medium.phase = PhaseFunction::CornetteShanks(-1.5)
             }),
-            ("g is", |one| {
-                one.phase = PhaseFunction::HenyeyGreenstein(f32::NAN)
+            ("g is", |medium| {
+                medium.phase = PhaseFunction::HenyeyGreenstein(f32::NAN)
             }),
-            ("box", |one| {
-                one.world_from_box = Some(Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0)))
+            ("box", |medium| {
+                medium.world_from_box = Some(Mat4::from_scale(Vec3::new(1.0, 0.0, 1.0)))
             }),
-            ("box", |one| one.world_from_box = Some(Mat4::NAN)),
-            ("needs extinction", |one| {
-                one.world_from_box = None;
-                one.extinction.y = 0.0;
-                one.emission = Vec3::Y;
+            ("box", |medium| medium.world_from_box = Some(Mat4::NAN)),
+            ("needs extinction", |medium| {
+                medium.world_from_box = None;
+                medium.extinction.y = 0.0;
+                medium.emission = Vec3::Y;
             }),
         ];
         for (what, damage) in wrong {

@@ -120,15 +120,15 @@ impl Scene {
             .instances
             .iter()
             .enumerate()
-            .filter_map(|(index, one)| {
+            .filter_map(|(index, instance)| {
                 if let Some(joints) = skins.get(&index) {
                     let joints = joints.iter().map(|&joint| pose.file_from_node[joint]);
                     return corners_of(joints.map(|joint| joint.w_axis.truncate()));
                 }
-                let node_from_mesh = DMat4::from_translation(self.meshes[one.mesh].origin);
+                let node_from_mesh = DMat4::from_translation(self.meshes[instance.mesh].origin);
                 placed(
-                    meshes[one.mesh],
-                    pose.file_from_node[one.node?] * node_from_mesh,
+                    meshes[instance.mesh],
+                    pose.file_from_node[instance.node?] * node_from_mesh,
                 )
             });
         let unit = Bounds {
@@ -146,9 +146,12 @@ impl Scene {
     /// Warns of objects that lie so far from the origin that 32-bit coordinates there are coarse for them.
     pub(crate) fn warn_of_far_objects(&mut self) {
         let meshes: Vec<Bounds> = self.meshes.iter().map(|mesh| mesh.bounds()).collect();
-        let steps = self.instances.iter().filter_map(|one| {
-            let Bounds { min, max } = meshes[one.mesh].transformed(&one.world_from_mesh);
-            Some((coarse_step([min.as_dvec3(), max.as_dvec3()])?, &one.name))
+        let steps = self.instances.iter().filter_map(|instance| {
+            let Bounds { min, max } = meshes[instance.mesh].transformed(&instance.world_from_mesh);
+            Some((
+                coarse_step([min.as_dvec3(), max.as_dvec3()])?,
+                &instance.name,
+            ))
         });
         let steps: Vec<_> = steps.collect();
         let Some((step, name)) = steps.iter().max_by(|(a, _), (b, _)| a.total_cmp(b)) else {

@@ -229,7 +229,7 @@ impl Scene {
         let instances = self
             .instances
             .iter()
-            .map(|one| mesh_bounds[one.mesh].transformed(&one.world_from_mesh));
+            .map(|instance| mesh_bounds[instance.mesh].transformed(&instance.world_from_mesh));
         let media = self.media.iter().filter_map(Medium::bounds);
         instances
             .chain(media)
@@ -350,16 +350,20 @@ mod tests {
         scene.remove("").unwrap();
         assert_eq!(scene, before);
         scene.remove("sec*").unwrap();
-        let names: Vec<_> = scene.instances.iter().map(|one| &one.name).collect();
+        let names: Vec<_> = scene
+            .instances
+            .iter()
+            .map(|instance| &instance.name)
+            .collect();
         assert_eq!(names, ["first", "third"]);
-        let lights: Vec<_> = scene.lights.iter().map(|one| &one.name).collect();
+        let lights: Vec<_> = scene.lights.iter().map(|light| &light.name).collect();
         assert_eq!(lights, ["lamp"]);
-        let media: Vec<_> = scene.media.iter().map(|one| &one.name).collect();
+        let media: Vec<_> = scene.media.iter().map(|medium| &medium.name).collect();
         assert_eq!(media, ["fog"]);
         let deformers = &scene.rig.as_ref().unwrap().deformers;
         let bent: Vec<_> = deformers
             .iter()
-            .map(|one| (one.instance, one.node))
+            .map(|deformer| (deformer.instance, deformer.node))
             .collect();
         assert_eq!(bent, [(0, 10), (1, 12)]);
     }

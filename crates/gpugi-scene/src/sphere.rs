@@ -76,7 +76,10 @@ impl Mesh {
         let triangles = self.indices.as_chunks().0;
         let is_ball =
             self.positions.iter().all(is_on_surface) && triangles.iter().all(faces_outward) && {
-                let covered: f64 = triangles.iter().map(|one| solid_angle(corners(one))).sum();
+                let covered: f64 = triangles
+                    .iter()
+                    .map(|triangle| solid_angle(corners(triangle)))
+                    .sum();
                 (covered / (4.0 * PI) - 1.0).abs() < LARGEST_GAP
             };
         is_ball.then_some(sphere).ok_or(SphereError::NoBall)
@@ -183,7 +186,7 @@ mod tests {
         inward
             .indices
             .chunks_exact_mut(3)
-            .for_each(|one| one.swap(0, 1));
+            .for_each(|triangle| triangle.swap(0, 1));
         let mut dented = ball.clone();
         dented.positions[40] *= 0.98;
         let mut not_finite = ball.clone();

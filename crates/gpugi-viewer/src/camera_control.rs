@@ -173,7 +173,8 @@ impl CameraControl {
     /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's cameras. None for
     /// what that cannot say.
     pub fn argument(&self, scene: &Scene) -> Option<String> {
-        let of_scene = |camera: &&Camera| scene.cameras.iter().any(|one| one.name == camera.name);
+        let of_scene =
+            |camera: &&Camera| scene.cameras.iter().any(|known| known.name == camera.name);
         if let Some(camera) = self.untouched.as_ref().filter(of_scene) {
             return Some(camera.name.to_string());
         }
@@ -393,7 +394,7 @@ mod tests {
         let after = control.camera();
         let difference = before.world_from_view - after.world_from_view;
         let largest = difference.to_cols_array().map(f32::abs);
-        assert!(largest.iter().all(|one| *one < 1e-4), "{difference}");
+        assert!(largest.iter().all(|entry| *entry < 1e-4), "{difference}");
     }
 
     #[test]
@@ -416,8 +417,8 @@ mod tests {
         let after = touched.camera();
         let difference = before.world_from_view - after.world_from_view;
         let scale = eye(&before).length().max(1.0);
-        let largest = difference.to_cols_array().map(|one| one.abs() / scale);
-        assert!(largest.iter().all(|one| *one < 1e-5), "{difference}");
+        let largest = difference.to_cols_array().map(|entry| entry.abs() / scale);
+        assert!(largest.iter().all(|entry| *entry < 1e-5), "{difference}");
     }
 
     #[test]
@@ -442,7 +443,7 @@ mod tests {
             let difference = read.world_from_view - control.camera().world_from_view;
             let largest = difference.to_cols_array().map(f32::abs);
             assert!(
-                largest.iter().all(|one| *one < 1e-4),
+                largest.iter().all(|entry| *entry < 1e-4),
                 "{words}: {difference}"
             );
         }

@@ -56,10 +56,10 @@ pub fn scene(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
                 .width(ui.available_width())
                 .selected_text(name.clone())
                 .show_ui(ui, |ui| {
-                    for one in builtin::SCENES {
-                        let label = ui.selectable_label(one.name == name, one.name);
-                        if label.on_hover_text(one.summary).clicked() {
-                            actions.push(Action::Open(one.name.to_owned()));
+                    for scene in builtin::SCENES {
+                        let label = ui.selectable_label(scene.name == name, scene.name);
+                        if label.on_hover_text(scene.summary).clicked() {
+                            actions.push(Action::Open(scene.name.to_owned()));
                         }
                     }
                 });
@@ -122,8 +122,8 @@ pub fn picture(
                     .selected_text(session.quantity.map_or("light", Quantity::name))
                     .show_ui(ui, |ui| {
                         ui.selectable_value(&mut session.quantity, None, "light");
-                        for one in Quantity::ALL {
-                            ui.selectable_value(&mut session.quantity, Some(one), one.name());
+                        for quantity in Quantity::ALL {
+                            ui.selectable_value(&mut session.quantity, Some(quantity), quantity.name());
                         }
                     });
             });
@@ -226,8 +226,8 @@ pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
             });
             path_tracer(ui, &loaded.set, actions);
             let in_use = session.technique_names();
-            for one in Registry::default().all() {
-                let name = one.info.name;
+            for registration in Registry::default().all() {
+                let name = registration.info.name;
                 let technique = session.technique(name);
                 let mut is_on = technique.is_some();
                 let id = ui.make_persistent_id(name);
@@ -237,7 +237,10 @@ pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                     false,
                 )
                 .show_header(ui, |ui| {
-                    let summary = format!("{}\n{}", one.info.summary, one.info.source);
+                    let summary = format!(
+                        "{}\n{}",
+                        registration.info.summary, registration.info.source
+                    );
                     if ui
                         .checkbox(&mut is_on, name)
                         .on_hover_text(summary)
@@ -248,7 +251,7 @@ pub fn techniques(ui: &mut Ui, session: &Session, actions: &mut Vec<Action>) {
                 })
                 .body(|ui| {
                     let Some(technique) = technique else {
-                        let paths: Vec<String> = one.info.paths.iter().map(path).collect();
+                        let paths: Vec<String> = registration.info.paths.iter().map(path).collect();
                         ui.weak(format!("off; can add {}", paths.join(", ")));
                         return;
                     };

@@ -76,7 +76,7 @@ pub struct Picture {
 }
 
 fn has_size(picture: &Option<Picture>, size: [u32; 2]) -> bool {
-    picture.as_ref().is_some_and(|one| one.size == size)
+    picture.as_ref().is_some_and(|picture| picture.size == size)
 }
 
 /// Animation of the scene.
@@ -339,7 +339,7 @@ impl Session {
     /// The technique, if it is in use.
     pub fn technique(&self, name: &str) -> Option<&dyn Technique> {
         let mut all = self.loaded.renderer.techniques().iter();
-        let found = all.find(|one| one.info().name == name);
+        let found = all.find(|technique| technique.info().name == name);
         found.map(AsRef::as_ref)
     }
 
@@ -349,7 +349,7 @@ impl Session {
             return vec![PATH_TRACER];
         }
         let all = self.loaded.renderer.techniques().iter();
-        all.map(|one| one.info().name).collect()
+        all.map(|technique| technique.info().name).collect()
     }
 
     /// Poses the scene at a time of its animation (s).

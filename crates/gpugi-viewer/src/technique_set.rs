@@ -100,7 +100,7 @@ impl TechniqueSet {
         };
         let mut renderer = Renderer::new(gpu, scene, size, techniques)?;
         let techniques = renderer.techniques().iter();
-        let in_use: Vec<&str> = techniques.map(|one| one.info().name).collect();
+        let in_use: Vec<&str> = techniques.map(|technique| technique.info().name).collect();
         for (technique, settings) in &self.settings {
             if in_use.contains(&technique.as_str()) {
                 for (name, value) in settings {

@@ -33,7 +33,7 @@ pub struct View {
 impl View {
     /// Whether the other is the same but for the number of samples.
     fn is_like(&self, other: &Self) -> bool {
-        let of = |one: &Self| (one.revision, one.size);
+        let of = |view: &Self| (view.revision, view.size);
         of(self) == of(other) && self.camera == other.camera
     }
 }

@@ -474,7 +474,9 @@ fn the_truth_arrives_beside_the_picture_and_goes_when_the_camera_moves() {
     session.truth_samples = 4;
     session.compared = Some(Compared::Split(0.5));
     frames_until(session, |session| {
-        session.reference().is_some_and(|one| one.samples == 4)
+        session
+            .reference()
+            .is_some_and(|reference| reference.samples == 4)
     });
     frames_until(session, |session| {
         session.frame(SIZE, 0.1).unwrap().is_final
@@ -607,7 +609,10 @@ fn shaders_under_development_light_the_next_picture() {
     let Some(gpu) = open() else { return };
     let (mut viewer, built) = shown(&gpu, start("room", &["shadow-map"]), "");
     let name = "techniques.shadow_map.gather";
-    let (_, source) = all_shaders().iter().find(|(one, _)| *one == name).unwrap();
+    let (_, source) = all_shaders()
+        .iter()
+        .find(|(shader, _)| *shader == name)
+        .unwrap();
     let with = |light: &str| {
         assert!(source.contains("vec4f(sum, 0.0)"));
         let source = source.replace("vec4f(sum, 0.0)", light).into();

@@ -131,7 +131,7 @@ fn error(
     let is_object = |index: usize| {
         points[index]
             .as_ref()
-            .is_some_and(|one| one.instance == object)
+            .is_some_and(|point| point.instance == object)
     };
     let (mut sum, mut count) = (0.0, 0.0);
     for index in SIZE + 1..SIZE * (SIZE - 1) - 1 {

@@ -120,7 +120,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     let mut room = builtin("room", 2).ok_or("no such scene")?;
     room.remove("box")?;
-    let ball = room.instances.iter().position(|one| one.name == "sphere");
+    let ball = room
+        .instances
+        .iter()
+        .position(|instance| instance.name == "sphere");
     let ball = ball.ok_or("no such object")?;
     println!("| ball | shown by | rel-mse |\n|---|---|---|");
     let with_ball = |scene: &Scene, at: Vec3| {

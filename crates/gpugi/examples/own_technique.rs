@@ -176,8 +176,8 @@ mod tests {
         let in_use = with
             .techniques()
             .iter()
-            .find(|one| one.info().name == INFO.name);
-        let strength = in_use.map(|one| one.settings().to_json()["strength"].clone());
+            .find(|technique| technique.info().name == INFO.name);
+        let strength = in_use.map(|technique| technique.settings().to_json()["strength"].clone());
         assert_eq!(strength, Some(0.5.into()));
         let mut names = default_set(&scene, &gpu.adapter, purpose, &registry()).names();
         names.retain(|name| name != INFO.name);

@@ -85,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             );
         }
     }
-    for domain in domains.iter().filter(|one| one.solid_angle > 0.0) {
+    for domain in domains.iter().filter(|domain| domain.solid_angle > 0.0) {
         dot(domain.toward, 1, [200, 30, 20]);
     }
     save_png(&file, width, height, &pixels)?;

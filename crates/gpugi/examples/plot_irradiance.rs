@@ -64,7 +64,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             for (left, value) in [(0, radiance), (width + GAP, irradiance / PI)] {
                 let first = ((y * row + left + x) * 4) as usize;
                 let shown = (value / (0.5 + value)).powf(1.0 / 2.2) * 255.0;
-                pixels[first..first + 3].copy_from_slice(&shown.to_array().map(|one| one as u8));
+                pixels[first..first + 3]
+                    .copy_from_slice(&shown.to_array().map(|channel| channel as u8));
             }
         }
     }

@@ -155,16 +155,16 @@ fn percent(share: f64) -> String {
 
 fn row(gpu: &Gpu, name: &str, scene: &Scene, settings: &[String]) -> Result<(), Box<dyn Error>> {
     let seen = pictures(gpu, scene, settings)?;
-    let area: f64 = seen.iter().map(|one| one.area).sum();
-    let all: f64 = seen.iter().map(|one| one.area * one.truth).sum();
-    let is_dark = |one: &&Seen| one.truth < DARK * all / area;
-    let dark_area: f64 = seen.iter().filter(is_dark).map(|one| one.area).sum();
+    let area: f64 = seen.iter().map(|pixel| pixel.area).sum();
+    let all: f64 = seen.iter().map(|pixel| pixel.area * pixel.truth).sum();
+    let is_dark = |pixel: &&Seen| pixel.truth < DARK * all / area;
+    let dark_area: f64 = seen.iter().filter(is_dark).map(|pixel| pixel.area).sum();
     let mut columns = vec![percent(dark_area / area)];
     for way in 0..VISIBILITY.len() {
-        let off = |one: &Seen| one.area * (one.found[way] - one.truth);
+        let off = |pixel: &Seen| pixel.area * (pixel.found[way] - pixel.truth);
         let dark: f64 = seen.iter().filter(is_dark).map(off).sum();
-        let excess: f64 = seen.iter().map(|one| off(one).max(0.0)).sum();
-        let lack: f64 = seen.iter().map(|one| (-off(one)).max(0.0)).sum();
+        let excess: f64 = seen.iter().map(|pixel| off(pixel).max(0.0)).sum();
+        let lack: f64 = seen.iter().map(|pixel| (-off(pixel)).max(0.0)).sum();
         columns.extend([dark, excess, lack].map(|power| percent(power / all)));
     }
     println!("| {name} | {} |", columns.join(" | "));
@@ -174,7 +174,7 @@ fn row(gpu: &Gpu, name: &str, scene: &Scene, settings: &[String]) -> Result<(), 
 fn main() -> Result<(), Box<dyn Error>> {
     let settings: Vec<String> = std::env::args().skip(1).collect();
     let gpu = Gpu::open(&AdapterChoice::Best)?;
-    let heads = VISIBILITY.map(|one| format!("`{one}`: in the dark | excess | lack"));
+    let heads = VISIBILITY.map(|visibility| format!("`{visibility}`: in the dark | excess | lack"));
     println!("| scene | dark area | {} |", heads.join(" | "));
     println!("|---|---|{}", "---|".repeat(3 * VISIBILITY.len()));
     row(

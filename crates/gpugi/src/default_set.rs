@@ -38,7 +38,7 @@ impl DefaultSet {
     /// Names of the techniques.
     pub fn names(&self) -> Vec<String> {
         let choices = self.choices.iter();
-        choices.map(|one| one.technique.to_owned()).collect()
+        choices.map(|choice| choice.technique.to_owned()).collect()
     }
 
     /// The set for a still picture of a scene that cannot be unwrapped, which only the attempt tells: `error` names a
@@ -54,8 +54,10 @@ impl DefaultSet {
             return None;
         };
         let mut choices = self.choices.iter();
-        choices.find(|one| one.technique == pass)?;
-        registry.find(pass).filter(|one| one.info.needs.texels)?;
+        choices.find(|choice| choice.technique == pass)?;
+        registry
+            .find(pass)
+            .filter(|registration| registration.info.needs.texels)?;
         let occasion = Occasion {
             has_atlas: false,
             ..Occasion::new(scene, adapter, Purpose::StillPicture)
@@ -130,19 +132,20 @@ pub fn default_set(
 /// The set for an occasion.
 fn chosen(mut occasion: Occasion<'_>, registry: &Registry) -> DefaultSet {
     let candidates = registry.all().iter();
-    let candidates = candidates.filter_map(|one| Candidate::new(one, &occasion));
-    let (mut chosen, rivals): (Vec<_>, Vec<_>) = candidates.partition(|one| one.rivalry == 0);
+    let candidates = candidates.filter_map(|registration| Candidate::new(registration, &occasion));
+    let (mut chosen, rivals): (Vec<_>, Vec<_>) =
+        candidates.partition(|candidate| candidate.rivalry == 0);
     for role in [Role::Gloss, Role::Indirect] {
-        let of_role = rivals.iter().filter(|one| one.info().role == role);
+        let of_role = rivals.iter().filter(|rival| rival.info().role == role);
         if let Some(best) = best(of_role.cloned().collect(), &chosen, &occasion) {
             occasion.has_rays |= best.info().needs.rays;
             chosen.push(best);
         }
     }
-    let choices = chosen.into_iter().map(|one| Choice {
-        technique: one.info().name,
-        settings: (one.registration.settings)(&occasion),
-        reason: one.reason,
+    let choices = chosen.into_iter().map(|candidate| Choice {
+        technique: candidate.info().name,
+        settings: (candidate.registration.settings)(&occasion),
+        reason: candidate.reason,
     });
     DefaultSet {
         choices: choices.collect(),
@@ -191,11 +194,12 @@ fn best<'a>(
     occasion: &Occasion<'_>,
 ) -> Option<Candidate<'a>> {
     let light = light_of_one(rivals.first()?.info().role, occasion);
-    let is_added = |light: &LightPaths| chosen.iter().any(|one| adds(one.info(), light));
+    let is_added =
+        |light: &LightPaths| chosen.iter().any(|candidate| adds(candidate.info(), light));
     if light.iter().any(is_added) {
         return None;
     }
-    rivals.sort_by_key(|one| Reverse(one.rivalry));
+    rivals.sort_by_key(|rival| Reverse(rival.rivalry));
     let mut better = None;
     for mut rival in rivals {
         let Some(refusal) = occasion.refusal(rival.info().needs) else {

@@ -161,12 +161,17 @@ impl Lighting {
         names: &[String],
         registry: &Registry,
     ) -> Result<Self, LightingError> {
-        let is_wanted = |name: &str| names.iter().any(|one| one == name);
-        let wanted = registry.all().iter().filter(|one| is_wanted(one.info.name));
-        let mut own_points = wanted.clone().map(|one| one.info.lights_points);
+        let is_wanted = |name: &str| names.iter().any(|wanted| wanted == name);
+        let wanted = registry
+            .all()
+            .iter()
+            .filter(|registration| is_wanted(registration.info.name));
+        let mut own_points = wanted
+            .clone()
+            .map(|registration| registration.info.lights_points);
         scene.has_irradiance |= own_points.any(|points| points == OwnPoints::Irradiance);
         let techniques: Vec<_> = wanted
-            .map(|one| (one.make)(gpu, scene))
+            .map(|registration| (registration.make)(gpu, scene))
             .collect::<Result<_, _>>()?;
         let capture = CaptureKernels::new(gpu, scene)?;
         let mut lighting = Self {
@@ -180,7 +185,7 @@ impl Lighting {
             is_pending: false,
             lights_elsewhere: techniques
                 .iter()
-                .any(|one| one.info().lights_points != OwnPoints::None),
+                .any(|technique| technique.info().lights_points != OwnPoints::None),
             techniques,
             settings_version: 0,
         };
@@ -225,7 +230,7 @@ impl Lighting {
                 continue;
             };
             let mut before = self.techniques[..index].iter();
-            if !before.any(|one| one.info().provides.contains(&needed)) {
+            if !before.any(|technique| technique.info().provides.contains(&needed)) {
                 return Err(LightingError::Needs {
                     technique: self.techniques[index].info().name.into(),
                     setting: setting.into(),
@@ -268,13 +273,17 @@ impl Lighting {
         value: &str,
     ) -> Result<(), LightingError> {
         let known = || {
-            let names: Vec<&str> = self.techniques.iter().map(|one| one.info().name).collect();
+            let names: Vec<&str> = self
+                .techniques
+                .iter()
+                .map(|technique| technique.info().name)
+                .collect();
             names.join(", ")
         };
         let found = self
             .techniques
             .iter()
-            .position(|one| one.info().name == technique);
+            .position(|known| known.info().name == technique);
         let index = found.ok_or_else(|| LightingError::UnknownTechnique {
             name: technique.to_owned(),
             known: known(),
@@ -338,7 +347,7 @@ impl Lighting {
     ) -> Result<Readiness, GpuError> {
         scene.merge(frame);
         self.shared.begin_frame();
-        let waiting = self.techniques.iter().map(|one| one.waiting());
+        let waiting = self.techniques.iter().map(|technique| technique.waiting());
         self.schedule
             .begin(budget, scene.versions, self.is_pending, waiting);
         self.is_pending = true;
@@ -487,7 +496,7 @@ impl Lighting {
     /// Light that one technique adds; none when it is not in use.
     pub fn light_paths_of(&self, technique: &str) -> &[LightPaths] {
         let mut all = self.techniques.iter().zip(&self.plans);
-        let found = all.find(|(one, _)| one.info().name == technique);
+        let found = all.find(|(known, _)| known.info().name == technique);
         found.map_or(&[], |(_, plan)| &plan.paths)
     }
 

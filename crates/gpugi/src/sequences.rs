@@ -21,5 +21,5 @@ pub fn additive<const N: usize>(steps: [f64; N], index: u32) -> [f64; N] {
 
 /// Point `index` of the additive R2 sequence in the unit square, the first in its middle.
 pub fn low_discrepancy(index: u32) -> Vec2 {
-    Vec2::from_array(additive(R2, index).map(|one| (0.5 + one).fract() as f32))
+    Vec2::from_array(additive(R2, index).map(|coordinate| (0.5 + coordinate).fract() as f32))
 }

@@ -104,7 +104,11 @@ fn is_direct(role: Role) -> bool {
 
 fn all() -> Vec<&'static Info> {
     let registry = Registry::default();
-    registry.all().iter().map(|one| one.info).collect()
+    registry
+        .all()
+        .iter()
+        .map(|registration| registration.info)
+        .collect()
 }
 
 fn names(infos: impl IntoIterator<Item = &'static Info>) -> Vec<&'static str> {

@@ -146,8 +146,11 @@ fn environment(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
 
 /// Whether a path has one of these extensions, ignoring case.
 pub fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension()
-        .is_some_and(|found| extensions.iter().any(|one| found.eq_ignore_ascii_case(one)))
+    path.extension().is_some_and(|found| {
+        extensions
+            .iter()
+            .any(|extension| found.eq_ignore_ascii_case(extension))
+    })
 }
 
 fn say(common: &Common, path: &Path, what: &str) {

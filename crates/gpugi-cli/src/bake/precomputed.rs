@@ -139,7 +139,7 @@ pub fn run<T: Baked>(
             let message = format!("--set {technique}.{key}: {technique} is not in use, {name} is");
             return Err(Usage(message).into());
         }
-        if let Some((_, option)) = OF_ATLAS.iter().find(|(one, _)| one == key) {
+        if let Some((_, option)) = OF_ATLAS.iter().find(|(setting, _)| setting == key) {
             return Err(Usage(format!("--set {name}.{key}: {option} decides it")).into());
         }
         if *key == "stored" {

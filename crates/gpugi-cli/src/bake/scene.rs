@@ -156,7 +156,7 @@ pub fn run(
     let technique_of = |setting: &str| setting.split('.').next().unwrap_or_default().to_owned();
     let (of_factor, of_light): (Vec<&String>, Vec<&String>) = settings
         .iter()
-        .partition(|one| is_factor(&technique_of(one)));
+        .partition(|setting| is_factor(&technique_of(setting)));
     let mut leaks = None;
     let mut pages = vec![BakedPage::default(); atlas.pages as usize];
     if techniques.iter().any(|name| is_factor(name)) {

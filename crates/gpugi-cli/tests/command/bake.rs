@@ -654,7 +654,7 @@ fn an_irradiance_volume_is_a_3d_texture() {
         volume
             .radiance_coefficients
             .iter()
-            .all(|one| one[0].x > 0.0)
+            .all(|coefficients| coefficients[0].x > 0.0)
     );
     let cubes = ["--volume-as", "cubes"];
     let wrong = gpugi(&[&first[..], &density, &techniques, &cubes].concat());

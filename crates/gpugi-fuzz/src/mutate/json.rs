@@ -181,8 +181,8 @@ fn odd() -> Vec<Value> {
 fn visit(value: &Value, on: &mut impl FnMut(&Value)) {
     on(value);
     match value {
-        Value::Array(list) => list.iter().for_each(|one| visit(one, on)),
-        Value::Object(members) => members.values().for_each(|one| visit(one, on)),
+        Value::Array(list) => list.iter().for_each(|element| visit(element, on)),
+        Value::Object(members) => members.values().for_each(|member| visit(member, on)),
         _ => {}
     }
 }

@@ -134,7 +134,11 @@ impl Atlas {
     pub fn slivers(&self, scene: &Scene) -> usize {
         let places = self.instances.iter().zip(&scene.instances);
         let slivers = places.map(|(uvs, instance)| match uvs {
-            Some(uvs) => uvs.charts.iter().filter(|&&one| one == NO_CHART).count(),
+            Some(uvs) => uvs
+                .charts
+                .iter()
+                .filter(|&&chart| chart == NO_CHART)
+                .count(),
             None => scene.meshes[instance.mesh].indices.len() / 3,
         });
         slivers.sum()
@@ -316,7 +320,11 @@ fn placed(mesh: &OutputMesh, number: usize, scale: Vec2) -> Option<InstanceUvs> 
     let rectangle = mesh.instances.get(number)?;
     let vertex = |&index: &u32| -> &OutputVertex { &mesh.vertices[index as usize] };
     // Charts are numbered consecutively over all meshes, in mesh order.
-    let first_chart = mesh.vertices.iter().filter_map(|one| one.chart).min()?;
+    let first_chart = mesh
+        .vertices
+        .iter()
+        .filter_map(|vertex| vertex.chart)
+        .min()?;
     let (min, max) = (Vec2::from(rectangle.min), Vec2::from(rectangle.max));
     let place =
         |uv: [f32; 2]| ((min + Vec2::from(uv) * (max - min)) * scale).clamp(Vec2::ZERO, Vec2::ONE);

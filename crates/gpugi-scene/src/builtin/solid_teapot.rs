@@ -293,7 +293,10 @@ impl Hole {
         let [outer, inner] =
             [self.border(body), self.ring.iter().map(of_body).collect()].map(|points| {
                 let angle = |(point, _): &(Vec3, Vec3)| (self.chart(*point) - middle).to_angle();
-                let mut points: Vec<_> = points.into_iter().map(|one| (angle(&one), one)).collect();
+                let mut points: Vec<_> = points
+                    .into_iter()
+                    .map(|point| (angle(&point), point))
+                    .collect();
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
                 points
             });

@@ -34,7 +34,7 @@ pub(super) fn build(boxes: &[Aabb]) -> Bvh2 {
     let mut depth = 1;
     while let Some(task) = tasks.pop() {
         let range = &mut order[task.first..task.end];
-        let bounds = union(range.iter().map(|&one| boxes[one as usize]));
+        let bounds = union(range.iter().map(|&index| boxes[index as usize]));
         depth = depth.max(task.depth);
         if range.len() == 1 {
             nodes[task.node] = Bvh2Node::new(bounds, 1, task.first as u32);
@@ -68,7 +68,7 @@ fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
     let centers = union(
         range
             .iter()
-            .map(|&one| Aabb::from_point(boxes[one as usize].center())),
+            .map(|&index| Aabb::from_point(boxes[index as usize].center())),
     );
     let extent = centers.diagonal();
     let scale = Vec3A::select(
@@ -76,7 +76,7 @@ fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
         BINS as f32 * 0.9999 / extent,
         Vec3A::ZERO,
     );
-    let bin = |one: u32| ((boxes[one as usize].center() - centers.min) * scale).as_uvec3();
+    let bin = |index: u32| ((boxes[index as usize].center() - centers.min) * scale).as_uvec3();
     let half = range.len() / 2;
     if by_cost
         && range.len() > 2
@@ -93,7 +93,7 @@ fn split(boxes: &[Aabb], range: &mut [u32], by_cost: bool) -> usize {
     }
     let axis = centers.largest_axis();
     range.select_nth_unstable_by(half, |&a, &b| {
-        let center = |one: u32| boxes[one as usize].center_axis(axis);
+        let center = |index: u32| boxes[index as usize].center_axis(axis);
         center(a).total_cmp(&center(b))
     });
     half
@@ -108,11 +108,11 @@ fn best_plane(
 ) -> Option<(usize, u32)> {
     let mut bounds = [[Aabb::INVALID; BINS]; 3];
     let mut counts = [[0_u32; BINS]; 3];
-    for &one in range {
-        let bins = bin(one).to_array();
+    for &index in range {
+        let bins = bin(index).to_array();
         for axis in 0..3 {
             let at = bins[axis] as usize;
-            bounds[axis][at] = bounds[axis][at].union(&boxes[one as usize]);
+            bounds[axis][at] = bounds[axis][at].union(&boxes[index as usize]);
             counts[axis][at] += 1;
         }
     }
@@ -150,5 +150,5 @@ fn cost(bounds: &Aabb, number: u32) -> f32 {
 }
 
 fn union(boxes: impl Iterator<Item = Aabb>) -> Aabb {
-    boxes.fold(Aabb::INVALID, |all, one| all.union(&one))
+    boxes.fold(Aabb::INVALID, |all, bounds| all.union(&bounds))
 }

@@ -78,7 +78,7 @@ pub(super) fn encode_node(
     let grid = Grid::around(
         &children
             .iter()
-            .fold(Bounds::EMPTY, |all, one| all.union(*one)),
+            .fold(Bounds::EMPTY, |all, bounds| all.union(*bounds)),
     );
     let mut planes = [[0_u8; 8]; 6];
     for (slot, child) in children.iter().enumerate() {

@@ -111,13 +111,15 @@ fn area(bounds: &Bounds) -> f64 {
 
 /// Scales the boxes to the unit cube: areas of tiny or huge boxes would leave the range of 32-bit floats.
 fn normalized(boxes: &[Bounds]) -> Vec<Aabb> {
-    let all = boxes.iter().fold(Bounds::EMPTY, |all, one| all.union(*one));
+    let all = boxes
+        .iter()
+        .fold(Bounds::EMPTY, |all, bounds| all.union(*bounds));
     let origin = all.min.as_dvec3();
     let extent = (all.max.as_dvec3() - origin).max_element();
     let scale = if extent > 0.0 { 1.0 / extent } else { 1.0 };
     let place = |corner: glam::Vec3| ((corner.as_dvec3() - origin) * scale).as_vec3a();
     boxes
         .iter()
-        .map(|one| Aabb::new(place(one.min), place(one.max)))
+        .map(|bounds| Aabb::new(place(bounds.min), place(bounds.max)))
         .collect()
 }

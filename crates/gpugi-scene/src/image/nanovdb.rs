@@ -228,7 +228,7 @@ fn densities(grid: &[u8], budget: &Budget) -> Result<DensityGrid, String> {
     for tile in 0..u32_at(grid, root + 24)? as usize {
         let at = tile
             .checked_mul(TILE)
-            .and_then(|one| one.checked_add(root + ROOT));
+            .and_then(|offset| offset.checked_add(root + ROOT));
         let tile = at.ok_or_else(too_short)?;
         let key = u64_at(grid, tile)?;
         // 21 bits each; of the tile's number along an axis, the lowest 20 are the coordinate's highest.
@@ -334,7 +334,7 @@ impl Tree<'_> {
             for y in ys.clone() {
                 for z in zs.clone() {
                     let entry = ((x << side | y) << side | z) as usize;
-                    let place = [x, y, z].map(|one| one << entry_bits);
+                    let place = [x, y, z].map(|coordinate| coordinate << entry_bits);
                     let from: [i64; 3] = std::array::from_fn(|axis| origin[axis] + place[axis]);
                     let mask = part(
                         self.grid,

@@ -267,7 +267,10 @@ fn glass_is_closed() {
     for detail in [1, 2, 5] {
         let scene = builtin("glass-room", detail).unwrap();
         for name in ["teapot", "ball"] {
-            let instance = scene.instances.iter().find(|one| one.name == name);
+            let instance = scene
+                .instances
+                .iter()
+                .find(|instance| instance.name == name);
             let mesh = &scene.meshes[instance.unwrap().mesh];
             check_mesh(mesh);
             assert!(mesh.is_closed(), "{name}");

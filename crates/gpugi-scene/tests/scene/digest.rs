@@ -57,7 +57,7 @@ fn scene() -> Scene {
         height: 1,
         pixels: Pixels::Rgba8(vec![7; 8]),
     };
-    scene.images = [&image; 2].map(|one| Arc::new(one.clone())).into();
+    scene.images = [&image; 2].map(|image| Arc::new(image.clone())).into();
     let spot = LightKind::Spot {
         inner_cone_angle: 0.1,
         outer_cone_angle: 0.2,

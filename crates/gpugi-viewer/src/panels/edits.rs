@@ -63,7 +63,7 @@ pub fn edits(ui: &mut Ui, scene: &Scene, selected: Option<usize>, actions: &mut 
             let users = scene
                 .instances
                 .iter()
-                .filter(|one| one.material == index)
+                .filter(|instance| instance.material == index)
                 .count();
             if users > 1 {
                 ui.weak(format!("its material is that of {users} objects"));

@@ -168,7 +168,9 @@ impl Window {
                 (Channel::One(1), "G"),
                 (Channel::One(2), "B"),
             ];
-            let chosen = channels.iter().find(|(one, _)| *one == self.channel);
+            let chosen = channels
+                .iter()
+                .find(|(channel, _)| *channel == self.channel);
             ComboBox::from_id_salt("channel")
                 .width(50.0)
                 .selected_text(chosen.map_or("", |(_, text)| text))

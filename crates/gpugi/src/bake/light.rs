@@ -227,7 +227,7 @@ impl<'a> LightBake<'a> {
         lit.capture.record(&mut frame, scene)?;
         lit.leaks.record(&mut frame, scene, &lit.capture);
         lighting.prepare(&mut frame, scene, view, Budget::UNLIMITED)?;
-        let adds = |name: &str| !self.left_out.iter().any(|one| one == name);
+        let adds = |name: &str| !self.left_out.iter().any(|technique| technique == name);
         for (points, target) in lit.capture.points().zip(&lit.targets) {
             let receiver = Receiver::new(points, target);
             lighting.gather_some(&mut frame, scene, &receiver, adds)?;
@@ -267,7 +267,7 @@ impl<'a> LightBake<'a> {
         let targets: Vec<Target> = targets.collect::<Result<_, GpuError>>()?;
         let mut next = samples.start;
         if let Some(first) =
-            first.filter(|one| (one.tile, one.samples.start) == (number, samples.start))
+            first.filter(|part| (part.tile, part.samples.start) == (number, samples.start))
         {
             next = first.samples.end;
             let mut rest = &first.sums[..];

@@ -36,7 +36,8 @@ impl Solver {
     /// Names and settings of the techniques, which decide what they make.
     pub fn techniques(&self) -> Vec<(&'static str, String)> {
         let techniques = self.lighting.techniques().iter();
-        let settings = techniques.map(|one| (one.info().name, one.settings().to_json()));
+        let settings =
+            techniques.map(|technique| (technique.info().name, technique.settings().to_json()));
         settings
             .map(|(name, json)| (name, json.to_string()))
             .collect()

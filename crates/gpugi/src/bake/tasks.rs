@@ -156,7 +156,7 @@ impl Shares {
     /// When it is none of them.
     pub fn find(&self, tile: u32, samples: &Range<u32>) -> Result<usize, LightingError> {
         let mut of_tile = self.of_tile();
-        let found = of_tile.position(|one| one == *samples);
+        let found = of_tile.position(|range| range == *samples);
         let found = found.filter(|_| tile < self.tiles);
         let found = found.map(|index| tile as usize * self.of_tile().count() + index);
         found.ok_or_else(|| unfit("this is a task of another bake"))

@@ -420,7 +420,7 @@ impl<V: Volume> Bake for VolumeBake<V> {
             }
             TaskResult::Samples(VoxelPart { tile, irradiance }) => {
                 self.shares().find(tile, &(0..1))?;
-                let is_finite = irradiance.iter().all(|one| one.is_finite());
+                let is_finite = irradiance.iter().all(|value| value.is_finite());
                 if irradiance.len() != self.probes(tile).len() || !is_finite {
                     return Err(unfit("the result of a task of another bake"));
                 }

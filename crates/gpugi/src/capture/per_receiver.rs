@@ -47,19 +47,19 @@ impl<T> PerReceiver<T> {
         self.calls += 1;
         let now = self.calls;
         self.kept
-            .retain(|one| now - one.last_used <= Self::PATIENCE);
+            .retain(|entry| now - entry.last_used <= Self::PATIENCE);
         let Receiver {
             points,
             target,
             is_brief,
             transmittance,
         } = receiver;
-        let is_this = |one: &Entry<T>| {
-            one.points == points.points
-                && one.view == points.view
-                && one.target == target.radiance
-                && one.is_brief == *is_brief
-                && one.transmittance == *transmittance
+        let is_this = |entry: &Entry<T>| {
+            entry.points == points.points
+                && entry.view == points.view
+                && entry.target == target.radiance
+                && entry.is_brief == *is_brief
+                && entry.transmittance == *transmittance
         };
         let index = match self.kept.iter().position(is_this) {
             Some(index) => index,

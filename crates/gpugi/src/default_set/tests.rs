@@ -27,24 +27,24 @@ const MEDIA: &str = participating_media::INFO.name;
 fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
     let Some(gpu) = test_gpu() else { return };
     let registry = Registry::default();
-    for one in SCENES {
-        let scene = builtin(one.name, 1).unwrap();
+    for listed in SCENES {
+        let scene = builtin(listed.name, 1).unwrap();
         let set = |purpose| default_set(&scene, &gpu.adapter, purpose, &registry);
         let [still, live, bake] =
             [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
-        assert!(still.notes.is_empty(), "{}: {:?}", one.name, still.notes);
+        assert!(still.notes.is_empty(), "{}: {:?}", listed.name, still.notes);
         let (gather, direct) = live.choices.split_last().unwrap();
-        for one in direct {
-            let is_shared = one.technique == SHADOWS && has_emitters(&scene);
-            let names: Vec<&str> = one.settings.iter().map(|(name, _)| *name).collect();
+        for choice in direct {
+            let is_shared = choice.technique == SHADOWS && has_emitters(&scene);
+            let names: Vec<&str> = choice.settings.iter().map(|(name, _)| *name).collect();
             let expected: &[&str] = if is_shared { &["interleaved"] } else { &[] };
-            assert_eq!(names, expected, "{}: {}", scene.name, one.technique);
+            assert_eq!(names, expected, "{}: {}", scene.name, choice.technique);
         }
         assert_eq!(gather.technique, FINAL_GATHER);
         let mut expected = live.names();
         *expected.last_mut().unwrap() = RADIOSITY.to_owned();
         let has_media = expected.contains(&MEDIA.to_owned());
-        assert_eq!(has_media, !scene.media.is_empty(), "{}", one.name);
+        assert_eq!(has_media, !scene.media.is_empty(), "{}", listed.name);
         let in_texels = expected.iter().filter(|name| *name != MEDIA);
         assert_eq!(bake.names(), in_texels.cloned().collect::<Vec<_>>());
         if has_glossy_objects(&scene) {
@@ -53,10 +53,10 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
         }
         assert_eq!(still.names(), expected);
         let has_settings = |name| {
-            let choice = still.choices.iter().find(|one| one.technique == name);
-            choice.is_some_and(|one| !one.settings.is_empty())
+            let choice = still.choices.iter().find(|choice| choice.technique == name);
+            choice.is_some_and(|choice| !choice.settings.is_empty())
         };
-        let is_soft = has_emitters(&scene) || scene.lights.iter().any(|one| one.radius > 0.0);
+        let is_soft = has_emitters(&scene) || scene.lights.iter().any(|light| light.radius > 0.0);
         let is_fast = Speed::of(&gpu.adapter) == Speed::Fast;
         assert!(is_fast || has_settings(SHADOWS) == is_soft);
         assert_eq!(has_settings(SKY), scene.environment.is_some());
@@ -70,10 +70,10 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
             classes,
             Occasion::new(&scene, &gpu.adapter, Purpose::StillPicture).classes,
             "{}",
-            one.name
+            listed.name
         );
         let words = in_words(&renderer.light_paths(), &classes);
-        let is_told = |what: &str| words.iter().any(|one| one.starts_with(what));
+        let is_told = |what: &str| words.iter().any(|phrase| phrase.starts_with(what));
         assert!(is_told("direct light on diffuse surfaces"), "{words:?}");
         assert!(
             is_told("light reflected between diffuse surfaces"),
@@ -86,7 +86,7 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
             .any(|object| !object.is_smooth && !object.is_diffuse);
         for (what, is_there) in [("mirrors", is_smooth), ("gloss", is_rough)] {
             let words_of = format!("lit surroundings seen in {what}");
-            assert_eq!(is_told(&words_of), is_there, "{}: {words:?}", one.name);
+            assert_eq!(is_told(&words_of), is_there, "{}: {words:?}", listed.name);
         }
     }
 }
@@ -133,7 +133,7 @@ fn large_gpus_trace_the_light_of_the_sky() {
         default_set(&scene, &adapter, purpose, &registry)
     };
     let traces = |set: &DefaultSet| {
-        let mut settings = set.choices.iter().flat_map(|one| &one.settings);
+        let mut settings = set.choices.iter().flat_map(|choice| &choice.settings);
         settings.any(|(name, value)| (*name, value.as_str()) == ("visibility", "rays"))
     };
     let [discrete, software] = [wgpu::DeviceType::DiscreteGpu, wgpu::DeviceType::Cpu];
@@ -167,7 +167,7 @@ fn rays_are_traced_in_scenes_that_bindings_hold() {
         occasion.triangles = triangles;
         let set = chosen(occasion, &Registry::default());
         let mut choices = set.choices.into_iter();
-        let gloss = choices.find(|one| [RAY_TRACING, IMPOSTORS].contains(&one.technique));
+        let gloss = choices.find(|choice| [RAY_TRACING, IMPOSTORS].contains(&choice.technique));
         gloss.unwrap()
     };
     let names = [MOST_TRACED, MOST_TRACED + 1].map(|triangles| of("shapes", triangles).technique);

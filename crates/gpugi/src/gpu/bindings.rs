@@ -167,14 +167,14 @@ struct Naming {
 impl Naming {
     /// Of names that fit equally well, the last one counts.
     fn new(resources: &[Named<'_>], declared: &[Declared]) -> Self {
-        let fit = |one: &Declared, name: &str| match one.name == name {
+        let fit = |variable: &Declared, name: &str| match variable.name == name {
             true => usize::MAX,
             false => name.len(),
         };
-        let source = |one: &Declared| {
+        let source = |variable: &Declared| {
             let all = resources.iter().enumerate();
-            let meant = all.filter(|(_, (name, _))| is_linked_name(&one.name, name));
-            let best = meant.max_by_key(|(_, (name, _))| fit(one, name));
+            let meant = all.filter(|(_, (name, _))| is_linked_name(&variable.name, name));
+            let best = meant.max_by_key(|(_, (name, _))| fit(variable, name));
             best.map(|(place, _)| place)
         };
         Self {
@@ -257,7 +257,10 @@ impl BindGroups {
         make: impl FnOnce(&[Bound<'_>]) -> Groups,
         set: impl FnOnce(&Groups),
     ) -> Result<(), &'a str> {
-        let known = self.namings.iter().position(|one| one.is_of(resources));
+        let known = self
+            .namings
+            .iter()
+            .position(|naming| naming.is_of(resources));
         let naming = known.unwrap_or_else(|| {
             self.namings.push(Naming::new(resources, declared));
             self.namings.len() - 1
@@ -265,9 +268,9 @@ impl BindGroups {
         let sources = self.namings[naming].sources.iter();
         let found: Vec<Bound<'_>> = sources
             .zip(declared)
-            .map(|(source, one)| match source {
+            .map(|(source, variable)| match source {
                 Some(place) => Ok(resources[*place].1.bound()),
-                None => Err(one.name.as_str()),
+                None => Err(variable.name.as_str()),
             })
             .collect::<Result<_, _>>()?;
         let hash = hash(&found);
@@ -294,14 +297,16 @@ pub(super) fn bind_all(
     found: &[Bound<'_>],
 ) -> Groups {
     let all: Vec<_> = declared.iter().zip(found).collect();
-    let of_group = all.chunk_by(|(one, _), (next, _)| one.group == next.group);
+    let of_group = all.chunk_by(|(variable, _), (next, _)| variable.group == next.group);
     let groups = of_group.filter_map(|of_group| {
         let group = of_group[0].0.group;
         let layout = layouts.get(group as usize)?.as_ref()?;
-        let entries = of_group.iter().map(|(one, found)| wgpu::BindGroupEntry {
-            binding: one.binding,
-            resource: found.resource(),
-        });
+        let entries = of_group
+            .iter()
+            .map(|(variable, found)| wgpu::BindGroupEntry {
+                binding: variable.binding,
+                resource: found.resource(),
+            });
         let made = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(label),
             layout,

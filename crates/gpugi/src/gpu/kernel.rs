@@ -31,7 +31,11 @@ impl Interface {
     ) -> Result<(Self, Arc<Reflection>), GpuError> {
         let reflection = gpu.reflections.of(shader, &gpu.source_of(shader))?;
         let declared = reflection.declared.clone();
-        let groups = declared.iter().map(|one| one.group + 1).max().unwrap_or(0);
+        let groups = declared
+            .iter()
+            .map(|variable| variable.group + 1)
+            .max()
+            .unwrap_or(0);
         let layouts: Vec<Option<wgpu::BindGroupLayout>> = (0..groups)
             .map(|group| {
                 if group == 0
@@ -41,15 +45,15 @@ impl Interface {
                 }
                 let entries: Vec<_> = declared
                     .iter()
-                    .filter(|one| one.group == group)
-                    .map(|one| wgpu::BindGroupLayoutEntry {
-                        binding: one.binding,
+                    .filter(|variable| variable.group == group)
+                    .map(|variable| wgpu::BindGroupLayoutEntry {
+                        binding: variable.binding,
                         // Vertex shaders may not write to storage buffers.
-                        visibility: match one.kind {
+                        visibility: match variable.kind {
                             BindingKind::Storage => visibility - wgpu::ShaderStages::VERTEX,
                             _ => visibility,
                         },
-                        ty: one.kind.layout_type(&one.name),
+                        ty: variable.kind.layout_type(&variable.name),
                         count: None,
                     })
                     .collect();
@@ -70,7 +74,7 @@ impl Interface {
                 bind_group_layouts: &references,
                 immediate_size: 0,
             });
-        let is_of_scene = |one: &Declared| scene.is_some() && one.group == 0;
+        let is_of_scene = |variable: &Declared| scene.is_some() && variable.group == 0;
         let interface = Self {
             name: shader.name.to_owned(),
             of_scene: declared.partition_point(is_of_scene),
@@ -101,14 +105,14 @@ impl Interface {
         let entries = self
             .declared
             .iter()
-            .filter(|one| one.group == group)
-            .map(|one| {
+            .filter(|variable| variable.group == group)
+            .map(|variable| {
                 let resource = resources
                     .iter()
-                    .find(|(name, _)| is_linked_name(&one.name, name))
-                    .ok_or_else(|| fail(format!("nothing is bound to {:?}", one.name)))?;
+                    .find(|(name, _)| is_linked_name(&variable.name, name))
+                    .ok_or_else(|| fail(format!("nothing is bound to {:?}", variable.name)))?;
                 Ok(wgpu::BindGroupEntry {
-                    binding: one.binding,
+                    binding: variable.binding,
                     resource: resource.1.clone(),
                 })
             })
@@ -470,11 +474,11 @@ pub(crate) fn scene_layout(
     }
     let entries: Vec<_> = declared
         .iter()
-        .map(|one| wgpu::BindGroupLayoutEntry {
-            binding: one.binding,
+        .map(|variable| wgpu::BindGroupLayoutEntry {
+            binding: variable.binding,
             visibility: wgpu::ShaderStages::all() & wgpu::ShaderStages::VERTEX_FRAGMENT
                 | wgpu::ShaderStages::COMPUTE,
-            ty: one.kind.layout_type(&one.name),
+            ty: variable.kind.layout_type(&variable.name),
             count: None,
         })
         .collect();

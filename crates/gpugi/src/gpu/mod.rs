@@ -196,7 +196,9 @@ impl Gpu {
     /// The shader, or what takes its place.
     fn current(&self, shader: &Shader) -> Shader {
         let replaced = self.replaced.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = replaced.iter().find(|one| one.name == shader.name);
+        let found = replaced
+            .iter()
+            .find(|replacement| replacement.name == shader.name);
         found.unwrap_or(shader).clone()
     }
 

@@ -93,7 +93,9 @@ impl Reflections {
         let points = module.entry_points.iter();
         let reflection = Arc::new(Reflection {
             declared: shader.declared(&module)?,
-            overridable: overrides.filter_map(|(_, one)| one.name.clone()).collect(),
+            overridable: overrides
+                .filter_map(|(_, constant)| constant.name.clone())
+                .collect(),
             entry_points: points
                 .map(|point| (point.name.clone(), point.workgroup_size))
                 .collect(),
@@ -185,7 +187,7 @@ impl Shader {
                 kind,
             });
         }
-        declared.sort_by_key(|one| (one.group, one.binding));
+        declared.sort_by_key(|variable| (variable.group, variable.binding));
         Ok(declared)
     }
 }

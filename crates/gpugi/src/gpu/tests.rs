@@ -38,7 +38,7 @@ fn layout_of(shader: &Shader) -> (naga::Module, Vec<super::shader::Declared>) {
     let mut declared = shader.declared(&module).unwrap();
     if reads_scene(shader) {
         let has_rays = traces_rays(&declared);
-        declared.retain(|one| one.group != 0);
+        declared.retain(|variable| variable.group != 0);
         for scene in &scene_shaders()[..1 + usize::from(has_rays)] {
             declared.extend(scene.declared(&scene.parse().unwrap()).unwrap());
         }
@@ -52,16 +52,20 @@ fn scene_shaders() -> [Shader; 2] {
 }
 
 fn traces_rays(declared: &[super::shader::Declared]) -> bool {
-    declared.iter().any(|one| one.name.contains("ray_bindings"))
+    declared
+        .iter()
+        .any(|variable| variable.name.contains("ray_bindings"))
 }
 
 /// Whether group 0 holds the scene: kernels of `testing` use that group for their own buffers.
 fn reads_scene(shader: &Shader) -> bool {
     let module = shader.parse().unwrap();
     let declared = shader.declared(&module).unwrap();
-    declared.iter().any(|one| one.group == 0)
-        && declared.iter().all(|one| {
-            one.group != 0 || one.name.contains("bindings") || shader.name.ends_with("bindings")
+    declared.iter().any(|variable| variable.group == 0)
+        && declared.iter().all(|variable| {
+            variable.group != 0
+                || variable.name.contains("bindings")
+                || shader.name.ends_with("bindings")
         })
 }
 
@@ -71,7 +75,10 @@ fn every_shader_stays_within_the_default_limits() {
     for shader in shaders() {
         let (module, declared) = layout_of(&shader);
         let count = |test: fn(BindingKind) -> bool| {
-            declared.iter().filter(|one| test(one.kind)).count() as u32
+            declared
+                .iter()
+                .filter(|variable| test(variable.kind))
+                .count() as u32
         };
         let is_storage = |kind| matches!(kind, BindingKind::Storage | BindingKind::ReadOnlyStorage);
         let is_sampler =
@@ -86,7 +93,11 @@ fn every_shader_stays_within_the_default_limits() {
         } else {
             limits.max_uniform_buffers_per_shader_stage
         };
-        let groups = declared.iter().map(|one| one.group + 1).max().unwrap_or(0);
+        let groups = declared
+            .iter()
+            .map(|variable| variable.group + 1)
+            .max()
+            .unwrap_or(0);
         for (what, has, may) in [
             (
                 "storage buffers",
@@ -142,9 +153,9 @@ fn every_gather_leaves_two_storage_buffers_free() {
     assert!(gathers.len() >= 7);
     for shader in gathers {
         let (_, declared) = layout_of(&shader);
-        let is_storage = |one: &&super::shader::Declared| {
+        let is_storage = |variable: &&super::shader::Declared| {
             matches!(
-                one.kind,
+                variable.kind,
                 BindingKind::Storage | BindingKind::ReadOnlyStorage
             )
         };

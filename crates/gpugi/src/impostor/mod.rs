@@ -214,8 +214,8 @@ impl Impostors {
         self.frame += 1;
         self.shapes.begin_frame();
         let now = self.frame;
-        let last = |one: &ObjectMaps| one.asked.unwrap_or(now);
-        self.kept.retain(|one| now - last(one) <= Self::PATIENCE);
+        let last = |maps: &ObjectMaps| maps.asked.unwrap_or(now);
+        self.kept.retain(|maps| now - last(maps) <= Self::PATIENCE);
     }
 
     /// The maps `wanted`, which follow the object as far as that needs no capture, with what [`ImpostorRequest::renewal`] finds
@@ -231,7 +231,7 @@ impl Impostors {
         settings_version: u64,
         seed: u32,
     ) -> Result<&Maps, GpuError> {
-        let index = match self.kept.iter().position(|one| one.wanted == *wanted) {
+        let index = match self.kept.iter().position(|maps| maps.wanted == *wanted) {
             Some(index) => index,
             None => {
                 self.kept.push(self.make(gpu, scene, wanted.clone())?);
@@ -268,7 +268,7 @@ impl Impostors {
     ) -> Result<(&Maps, u64), GpuError> {
         self.follow(frame.gpu, scene, wanted, settings_version, seed)?;
         let mut kept = self.kept.iter_mut();
-        let kept = kept.find(|one| one.wanted == *wanted);
+        let kept = kept.find(|maps| maps.wanted == *wanted);
         let kept = kept.expect("maps that were just requested");
         if mem::take(&mut kept.is_shape_due) {
             kept.capture_shape(frame, scene, &mut self.shapes)?;

@@ -50,16 +50,16 @@ pub(super) struct RenewalKey {
 impl RenewalKey {
     /// Whether the objects are the same, wherever they are and however they are lit.
     fn has_same_things(&self, other: &Self) -> bool {
-        let of = |one: &Self| {
-            let versions = one.versions;
-            (versions.instances, versions.materials, one.settings)
+        let of = |key: &Self| {
+            let versions = key.versions;
+            (versions.instances, versions.materials, key.settings)
         };
         of(self) == of(other)
     }
 
     fn is_lit_as(&self, other: &Self) -> bool {
-        let of = |one: &Self| {
-            let versions = one.versions;
+        let of = |key: &Self| {
+            let versions = key.versions;
             (versions.lights, versions.sky, versions.environment)
         };
         of(self) == of(other)
@@ -73,7 +73,7 @@ impl RenewalKey {
         self.has_same_things(now)
             && self.seed == now.seed
             && (since == now.versions.geometry
-                || !all.any(|(index, one)| one.moved > since && is_other(index)))
+                || !all.any(|(index, placement)| placement.moved > since && is_other(index)))
     }
 }
 
@@ -149,8 +149,11 @@ impl Renewal {
             return Some((Due::FaceGroup(next_turn - 1), begun));
         }
         let is_near = center.distance(begun.center) < self.threshold;
-        let mut own_placements = own.iter().filter_map(|&one| placements.get(one as usize));
-        let has_moved = own_placements.any(|one| one.moved > begun.of.versions.geometry);
+        let mut own_placements = own
+            .iter()
+            .filter_map(|&instance| placements.get(instance as usize));
+        let has_moved =
+            own_placements.any(|placement| placement.moved > begun.of.versions.geometry);
         let is_due = match self.renew {
             Renew::EveryFrame => true,
             Renew::Changed(frames) => {

@@ -73,13 +73,17 @@ pub(super) struct Shaped {
 impl Shaped {
     /// The parts move together: the first one's placement stands for all.
     fn new(scene: &GpuScene, instances: &[u32]) -> Self {
-        let of = |&one: &u32| scene.placements.get(one as usize);
-        let bent = instances.iter().filter_map(of).map(|one| one.bent).max();
+        let of = |&instance: &u32| scene.placements.get(instance as usize);
+        let bent = instances
+            .iter()
+            .filter_map(of)
+            .map(|placement| placement.bent)
+            .max();
         let first = instances.first().and_then(of);
         let versions = scene.versions;
         Self {
             versions: [bent.unwrap_or(0), versions.instances, versions.materials],
-            world_from_mesh: first.map_or(Mat4::IDENTITY, |one| one.world_from_mesh),
+            world_from_mesh: first.map_or(Mat4::IDENTITY, |placement| placement.world_from_mesh),
         }
     }
 
@@ -95,13 +99,16 @@ impl Shaped {
 fn rotation(from: &Mat4, to: &Mat4) -> Option<Quat> {
     /// How much a rotation's axes may differ from orthonormal ones: too little to show in a shape's texels.
     const TOLERANCE: f64 = 1e-4;
-    let [from, to] = [from, to].map(|one| DMat3::from_mat4(one.as_dmat4()));
+    let [from, to] = [from, to].map(|transform| DMat3::from_mat4(transform.as_dmat4()));
     if from == to {
         return Some(Quat::IDENTITY);
     }
     let turn = to * from.inverse();
     let off = turn.transpose() * turn - DMat3::IDENTITY;
-    let is_rigid = off.to_cols_array().iter().all(|one| one.abs() < TOLERANCE);
+    let is_rigid = off
+        .to_cols_array()
+        .iter()
+        .all(|entry| entry.abs() < TOLERANCE);
     (is_rigid && turn.determinant() > 0.0).then(|| DQuat::from_mat3(&turn).normalize().as_quat())
 }
 

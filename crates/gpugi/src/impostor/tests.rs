@@ -103,7 +103,9 @@ impl<'a> Watched<'a> {
             .unwrap();
         let maps = maps.0.clone();
         let timings = frame.submit().unwrap().wait().unwrap();
-        let captures = timings.iter().filter(|one| one.pass == "capture.hits");
+        let captures = timings
+            .iter()
+            .filter(|timing| timing.pass == "capture.hits");
         let count = maps.renewed.as_ref().map_or(0, |points| points.count);
         Done {
             renewed: count / (SIDE * SIDE),

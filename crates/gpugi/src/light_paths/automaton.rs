@@ -63,7 +63,7 @@ impl PathAutomaton {
     pub fn accepts(&self, path: &str) -> bool {
         let mut state = 0;
         for symbol in path.chars().rev() {
-            let Some(column) = SYMBOLS.iter().position(|&one| one == symbol) else {
+            let Some(column) = SYMBOLS.iter().position(|&letter| letter == symbol) else {
                 return false;
             };
             state = self.transitions[state][column] as usize;
@@ -125,7 +125,9 @@ pub(super) fn shortest_path(
     is_wanted: impl Fn(&[bool]) -> bool,
 ) -> Option<String> {
     let step = |states: &[u32], symbol: usize| -> Vec<u32> {
-        let next = |(one, &state): (&PathAutomaton, &u32)| one.transitions[state as usize][symbol];
+        let next = |(automaton, &state): (&PathAutomaton, &u32)| {
+            automaton.transitions[state as usize][symbol]
+        };
         automata.iter().zip(states).map(next).collect()
     };
     // Breadth-first search over the joint states of all automata. Each joint state remembers the lobes that lead to it,
@@ -135,7 +137,8 @@ pub(super) fn shortest_path(
     let mut queue = VecDeque::from([start]);
     while let Some(states) = queue.pop_front() {
         let ends = step(&states, LIGHT);
-        let accepting = |(one, &state): (&PathAutomaton, &u32)| one.accepting[state as usize];
+        let accepting =
+            |(automaton, &state): (&PathAutomaton, &u32)| automaton.accepting[state as usize];
         if is_wanted(
             &automata
                 .iter()
@@ -296,7 +299,11 @@ fn determinized(states: &[Choice], start: usize) -> Result<PathAutomaton, Patter
 /// while its states lead to different classes. Classes are numbered in order of appearance, so that the start remains
 /// state 0.
 fn minimized(automaton: &PathAutomaton) -> PathAutomaton {
-    let mut class_of: Vec<u32> = automaton.accepting.iter().map(|&one| one.into()).collect();
+    let mut class_of: Vec<u32> = automaton
+        .accepting
+        .iter()
+        .map(|&is_accepting| is_accepting.into())
+        .collect();
     let mut count = 0;
     loop {
         let mut numbers = HashMap::new();

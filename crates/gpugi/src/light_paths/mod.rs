@@ -104,7 +104,7 @@ pub(crate) fn shown(
         (true, false) => "S",
     };
     let bounces = format!("{lobes}{{1,{most}}}");
-    before.iter().map(move |one| one.continued(&bounces))
+    before.iter().map(move |paths| paths.continued(&bounces))
 }
 
 /// The paths that a path tracer keeps. The default is all paths from a light to the eye.
@@ -294,9 +294,9 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
     let mut parts: Vec<(PathAutomaton, Part)> = Vec::new();
     for &class in present {
         let mut patterns = vec![SEEN_DIRECTLY];
-        for one in covered.iter().filter(|one| one.class == class) {
-            if !patterns.contains(&&*one.pattern) {
-                patterns.push(&one.pattern);
+        for paths in covered.iter().filter(|paths| paths.class == class) {
+            if !patterns.contains(&&*paths.pattern) {
+                patterns.push(&paths.pattern);
             }
         }
         let pattern = patterns.join("|");
@@ -319,8 +319,8 @@ pub fn parts(covered: &[LightPaths], present: &[LightClass]) -> Vec<Part> {
 /// The compiled patterns of one light class in a set.
 fn automata(set: &[LightPaths], class: LightClass) -> Vec<PathAutomaton> {
     set.iter()
-        .filter(|one| one.class == class)
-        .map(|one| compiled(&one.pattern))
+        .filter(|paths| paths.class == class)
+        .map(|paths| compiled(&paths.pattern))
         .collect()
 }
 

@@ -148,7 +148,9 @@ impl Parser {
     }
 
     fn symbol(&mut self) -> Option<u8> {
-        let index = SYMBOLS.iter().position(|&one| Some(one) == self.peek())?;
+        let index = SYMBOLS
+            .iter()
+            .position(|&letter| Some(letter) == self.peek())?;
         self.at += 1;
         Some(1 << index)
     }
@@ -215,7 +217,7 @@ impl Parser {
     fn count(&mut self) -> Result<u32, PatternError> {
         let start = self.at;
         let mut value = 0_u32;
-        while let Some(digit) = self.peek().and_then(|one| one.to_digit(10)) {
+        while let Some(digit) = self.peek().and_then(|letter| letter.to_digit(10)) {
             value = value.saturating_mul(10).saturating_add(digit);
             self.at += 1;
         }

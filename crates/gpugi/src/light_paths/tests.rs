@@ -149,7 +149,7 @@ fn a_partition_takes_every_path_once() {
             && word.ends_with('E')
             && word[1..word.len() - 1]
                 .chars()
-                .all(|one| "DGSV".contains(one));
+                .all(|letter| "DGSV".contains(letter));
         if is_path {
             let count = parts.iter().filter(|part| part.accepts(&word)).count();
             assert_eq!(count, 1, "{word}");
@@ -412,7 +412,11 @@ fn the_parts_of_a_picture_are_as_few_as_its_patterns() {
 
 #[test]
 fn every_technique_declares_patterns() {
-    for info in Registry::default().all().iter().map(|one| one.info) {
+    for info in Registry::default()
+        .all()
+        .iter()
+        .map(|registration| registration.info)
+    {
         for paths in info.paths {
             let compiled = PathAutomaton::compile(&paths.pattern);
             assert!(compiled.is_ok(), "{}: {compiled:?}", info.name);

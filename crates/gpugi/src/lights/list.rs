@@ -80,7 +80,7 @@ impl LightList {
                 .map(|(source, &side)| source.views(scene, view, settings, side))
                 .collect()
         };
-        let asked: Vec<u32> = sources.iter().map(|one| one.side(settings)).collect();
+        let asked: Vec<u32> = sources.iter().map(|source| source.side(settings)).collect();
         let mut sides = asked.clone();
         let mut views = views_at(&sides);
         if !DepthAtlas::has_room(&views.concat()) {

@@ -141,7 +141,7 @@ impl Measured {
     pub fn value(&self, metric: Metric) -> Option<f64> {
         let mut metrics = self.metrics.iter();
         metrics
-            .find(|(one, _)| *one == metric)
+            .find(|(measured, _)| *measured == metric)
             .map(|(_, comparison)| comparison.value)
     }
 }
@@ -295,8 +295,8 @@ fn render(
 fn collect(times: &mut Vec<(String, Vec<f64>)>, frame: Vec<Timing>) {
     let mut of_frame: Vec<Timing> = Vec::new();
     for timing in frame {
-        match of_frame.iter_mut().find(|one| one.pass == timing.pass) {
-            Some(one) => one.milliseconds += timing.milliseconds,
+        match of_frame.iter_mut().find(|known| known.pass == timing.pass) {
+            Some(known) => known.milliseconds += timing.milliseconds,
             None => of_frame.push(timing),
         }
     }

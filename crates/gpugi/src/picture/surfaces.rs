@@ -108,7 +108,7 @@ impl Surfaces {
     ) -> Result<&wgpu::TextureView, GpuError> {
         let gpu = frame.gpu;
         let [width, height] = self.size;
-        let pixels: u32 = strips.iter().map(|one| one.receiver.points.count).sum();
+        let pixels: u32 = strips.iter().map(|strip| strip.receiver.points.count).sum();
         if pixels != width * height {
             return Err(GpuError::Pass {
                 pass: "picture.surfaces".into(),

@@ -103,7 +103,11 @@ impl Step {
 
     /// Texels that it reads.
     fn work(&self) -> u64 {
-        let invocations: u64 = self.invocations.iter().map(|&one| u64::from(one)).product();
+        let invocations: u64 = self
+            .invocations
+            .iter()
+            .map(|&count| u64::from(count))
+            .product();
         invocations * u64::from(self.lookups)
     }
 }
@@ -215,7 +219,8 @@ impl Environments {
     pub fn begin_frame(&mut self) {
         self.frame += 1;
         let now = self.frame;
-        self.kept.retain(|one| now - one.asked <= Self::PATIENCE);
+        self.kept
+            .retain(|filled| now - filled.asked <= Self::PATIENCE);
     }
 
     /// Number of maps that are kept.
@@ -288,7 +293,10 @@ impl Environments {
         scene: &GpuScene,
         wanted: PrefilteredRequest,
     ) -> Result<&mut FilledMaps, GpuError> {
-        let known = self.kept.iter().position(|one| one.maps.wanted == wanted);
+        let known = self
+            .kept
+            .iter()
+            .position(|filled| filled.maps.wanted == wanted);
         let index = match known {
             Some(index) => index,
             None => {

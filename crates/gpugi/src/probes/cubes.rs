@@ -224,7 +224,10 @@ impl<B> ProbeCubes<B> {
             points: workplace.capture(frame, scene, output, position, turn.faces, self.side)?,
             bench: &mut workplace.bench,
             cube: turn.point,
-            reach: self.placing.as_ref().map(|one| one.reach(turn.point)),
+            reach: self
+                .placing
+                .as_ref()
+                .map(|placing| placing.reach(turn.point)),
         })
     }
 

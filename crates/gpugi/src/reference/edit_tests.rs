@@ -25,7 +25,9 @@ fn room() -> Scene {
 
 fn index(scene: &Scene, name: &str) -> usize {
     let mut instances = scene.instances.iter();
-    instances.position(|one| one.name == *name).unwrap()
+    instances
+        .position(|instance| instance.name == *name)
+        .unwrap()
 }
 
 fn shift(scene: &mut Scene, name: &str, by: Vec3) {

@@ -77,7 +77,7 @@ impl Lit {
 /// air. Without them, shadow rays need not look for any, and the light tracer finds what passes a solid in another of the
 /// same index.
 pub(super) fn has_straight(scene: &Scene) -> bool {
-    let materials = scene.instances.iter().map(|one| one.material);
+    let materials = scene.instances.iter().map(|instance| instance.material);
     let used: BTreeSet<usize> = materials.collect();
     used.iter().any(|&index| {
         let material = &scene.materials[index];

@@ -251,7 +251,7 @@ fn emission_adds_up_along_rays() {
             ..Settings::default()
         };
         let dark = mean(&gpu, &scene, eye, 1, &no_lamps);
-        assert_eq!(dark.map(|one| one[0]), [0.0; 3]);
+        assert_eq!(dark.map(|channel| channel[0]), [0.0; 3]);
     }
 }
 

@@ -112,7 +112,7 @@ impl PathTracer {
         for tile in &self.tiles {
             let film = read(&self.gpu, &tile.film, tile.pixels())?;
             let photons = tile.photons.as_ref();
-            let photons = photons.map(|one| read(&self.gpu, &one.pixels, tile.pixels()));
+            let photons = photons.map(|photons| read(&self.gpu, &photons.pixels, tile.pixels()));
             tiles.push((tile.origin, tile.size, film, photons.transpose()?));
         }
         Ok(async move {

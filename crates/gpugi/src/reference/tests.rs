@@ -178,7 +178,7 @@ fn albedos_are_their_quadratures() {
                     })
                     .collect();
                 let mean = means.iter().sum::<f64>() / f64::from(SEEDS);
-                let squares: f64 = means.iter().map(|one| (one - mean).powi(2)).sum();
+                let squares: f64 = means.iter().map(|of_seed| (of_seed - mean).powi(2)).sum();
                 let error = (squares / f64::from(SEEDS * (SEEDS - 1))).sqrt();
                 println!("{name} at {degrees}: {mean} of {expected}, error {error}");
                 assert!(error < 0.01, "{name}: an error of {error}");

@@ -161,7 +161,8 @@ fn frames_that_never_wait_wait_for_no_shaders() {
                 gpu.wait().unwrap();
             }
             assert_eq!(gpu.waited_for(), [""; 0], "{names:?}");
-            let Some((path, value)) = settings.pop().and_then(|one| one.split_once('=')) else {
+            let Some((path, value)) = settings.pop().and_then(|setting| setting.split_once('='))
+            else {
                 break;
             };
             let (technique, name) = path.split_once('.').unwrap();
@@ -230,14 +231,18 @@ fn refused_edits_change_nothing() {
         // All that is edited in place, one instance twice.
         vec![
             place(0),
-            material(|one| (one.roughness, one.emissive) = (0.2, Vec3::ONE)),
+            material(|material| (material.roughness, material.emissive) = (0.2, Vec3::ONE)),
             Edit::Mesh { index: 0, mesh },
             place(1),
             place(0),
             sun.clone(),
         ],
         // What takes an upload.
-        vec![place(1), material(|one| one.transmission = 1.0), sun],
+        vec![
+            place(1),
+            material(|material| material.transmission = 1.0),
+            sun,
+        ],
     ];
     let mut renderer = new(&scene);
     let before = picture(&mut renderer);
@@ -270,7 +275,11 @@ fn refused_edits_change_nothing() {
         ));
         is_as_before(&mut renderer, &refused);
     }
-    let edits = [place(1), material(|one| one.roughness = 0.3), point(0)];
+    let edits = [
+        place(1),
+        material(|material| material.roughness = 0.3),
+        point(0),
+    ];
     renderer.edit(&edits).unwrap();
     let mut edited = scene.clone();
     edits.iter().for_each(|edit| edit.apply_to(&mut edited));
@@ -292,7 +301,7 @@ fn mirrors_say_how_far_away_their_images_are() {
         .set("distance-impostor", "resolution", "32")
         .unwrap();
     let camera = scene.cameras[0].clone();
-    let is_ball = |one: &gpugi_scene::Instance| one.name.as_str() == "sphere";
+    let is_ball = |instance: &gpugi_scene::Instance| instance.name.as_str() == "sphere";
     let ball = scene.instances.iter().position(is_ball).unwrap();
     let (low, high) = (scene.bounds().min - 0.1, scene.bounds().max + 0.1);
     let eye = camera.world_from_view.w_axis.truncate();
@@ -307,7 +316,7 @@ fn mirrors_say_how_far_away_their_images_are() {
         let points = points.chunks_exact(12).map(VisiblePoint::unpack);
         let mut told = [0; 2];
         for (distance, point) in distances.into_iter().zip(points) {
-            let point = point.filter(|one| one.instance as usize == ball);
+            let point = point.filter(|point| point.instance as usize == ball);
             let Some(point) = point.filter(|_| distance > 0.0) else {
                 assert_eq!(distance, 0.0, "no mirror");
                 continue;

@@ -157,10 +157,10 @@ impl GpuScene {
             job,
             finished,
         } = &mut *kept;
-        shared.retain(|one| one.atlas.strong_count() > 0);
+        shared.retain(|shared| shared.atlas.strong_count() > 0);
         let mut known = shared.iter();
-        let known = known.find(|one| (one.size, one.density) == (size, density));
-        if let Some(atlas) = known.and_then(|one| one.atlas.upgrade()) {
+        let known = known.find(|shared| (shared.size, shared.density) == (size, density));
+        if let Some(atlas) = known.and_then(|shared| shared.atlas.upgrade()) {
             // The technique that requested it first may keep fewer bytes per texel.
             if atlas.pages > most_pages {
                 return Err(GpuError::TooLarge {

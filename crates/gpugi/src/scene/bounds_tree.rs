@@ -36,8 +36,8 @@ impl BoundsTree {
     pub fn new(boxes: impl ExactSizeIterator<Item = Bounds>) -> Self {
         let leaves = boxes.len().next_power_of_two();
         let mut nodes = vec![Node::of(Bounds::EMPTY); 2 * leaves];
-        for (leaf, one) in nodes[leaves..].iter_mut().zip(boxes) {
-            *leaf = Node::of(one);
+        for (leaf, bounds) in nodes[leaves..].iter_mut().zip(boxes) {
+            *leaf = Node::of(bounds);
         }
         for index in (1..leaves).rev() {
             nodes[index] = nodes[2 * index].union(nodes[2 * index + 1]);
@@ -75,8 +75,8 @@ impl BoundsTree {
         let first = leaves.min(1 << most.max(1).ilog2());
         let boxes = self.nodes[first..2 * first].iter();
         boxes
-            .map(|one| one.bounds)
-            .filter(|one| !one.is_empty())
+            .map(|node| node.bounds)
+            .filter(|bounds| !bounds.is_empty())
             .collect()
     }
 

@@ -150,7 +150,7 @@ impl GpuScene {
     /// textures differ.
     pub(crate) fn edits_to(&self, after: &Scene) -> Option<Vec<Edit>> {
         let before = &self.host;
-        let made_of = |one: &Instance| (one.mesh, one.material, one.is_sphere);
+        let made_of = |instance: &Instance| (instance.mesh, instance.material, instance.is_sphere);
         let is_named_as =
             |(a, b): (&Instance, &Instance)| a.name == b.name && made_of(a) == made_of(b);
         let mut instances = before.instances.iter().zip(&after.instances);
@@ -229,7 +229,8 @@ impl GpuScene {
             Edit::Material { index, material } => {
                 let textures = self.host.textures.len();
                 let mut read = texture_slots(material).into_iter();
-                if read.any(|(slot, _)| slot.is_some_and(|one| one.texture >= textures)) {
+                if read.any(|(slot, _)| slot.is_some_and(|reference| reference.texture >= textures))
+                {
                     return refused(format!(
                         "material {index} reads a texture that there is not: there are {textures}"
                     ));
@@ -261,24 +262,25 @@ impl GpuScene {
             }
             Edit::Material { index, material } => {
                 let before = &self.host.materials[*index];
-                let drawn = |one: &Material| {
-                    let is_opaque = one.alpha_mode == AlphaMode::Opaque;
-                    let transmits = one.transmission > 0.0;
-                    let sides = (one.has_two_sides(), one.is_translucent());
-                    (is_see_through(one), is_opaque, transmits, sides)
+                let drawn = |material: &Material| {
+                    let is_opaque = material.alpha_mode == AlphaMode::Opaque;
+                    let transmits = material.transmission > 0.0;
+                    let sides = (material.has_two_sides(), material.is_translucent());
+                    (is_see_through(material), is_opaque, transmits, sides)
                 };
-                let texture = |slot: &Option<TextureRef>| slot.map(|one| one.texture);
-                let read =
-                    |one: &Material| texture_slots(one).map(|(slot, space)| (texture(slot), space));
+                let texture = |slot: &Option<TextureRef>| slot.map(|reference| reference.texture);
+                let read = |material: &Material| {
+                    texture_slots(material).map(|(slot, space)| (texture(slot), space))
+                };
                 // A sphere that emits is refused when the scene is uploaded.
-                let shows = |one: &Instance| one.is_sphere && one.material == *index;
+                let shows = |instance: &Instance| instance.is_sphere && instance.material == *index;
                 let is_refused =
                     material.emissive != Vec3::ZERO && self.host.instances.iter().any(shows);
                 drawn(before) == drawn(material) && read(before) == read(material) && !is_refused
             }
             Edit::Mesh { index, mesh } => {
                 let before = &self.host.meshes[*index];
-                let shows = |one: &Instance| one.is_sphere && one.mesh == *index;
+                let shows = |instance: &Instance| instance.is_sphere && instance.mesh == *index;
                 !self.host.instances.iter().any(shows)
                     && before.positions.len() == mesh.positions.len()
                     && before.indices == mesh.indices
@@ -405,8 +407,12 @@ impl GpuScene {
             if self.host.materials[instance.material].emissive != Vec3::ZERO {
                 is_any_emitting = true;
                 let number = index as u32;
-                let first = self.emitters.partition_point(|one| one.instance < number);
-                let end = self.emitters.partition_point(|one| one.instance <= number);
+                let first = self
+                    .emitters
+                    .partition_point(|emitter| emitter.instance < number);
+                let end = self
+                    .emitters
+                    .partition_point(|emitter| emitter.instance <= number);
                 let emitters = emitters_of(&self.host, index);
                 self.emitters.splice(first..end, emitters);
             }
@@ -436,11 +442,11 @@ impl GpuScene {
             return;
         }
         self.versions.materials += 1;
-        let textures = |one: &Material| texture_slots(one).map(|(slot, _)| *slot);
+        let textures = |material: &Material| texture_slots(material).map(|(slot, _)| *slot);
         let are_others = textures(before) != textures(material);
         self.tables
             .write_material(gpu, &self.host, index, &self.images, are_others);
-        let emission = |one: &Material| (one.emissive, one.emissive_texture);
+        let emission = |material: &Material| (material.emissive, material.emissive_texture);
         if emission(before) != emission(material) {
             self.emitters = emitters(&self.host);
             self.versions.lights += 1;
@@ -564,22 +570,30 @@ impl GpuScene {
             || before.textures != after.textures
             || !are_same(&before.images, &after.images);
         let instances = |of: fn(&Instance) -> (usize, usize, bool)| {
-            let [old, new] = [before, after].map(|one| one.instances.iter().map(of));
+            let [old, new] = [before, after].map(|scene| scene.instances.iter().map(of));
             !old.eq(new)
         };
-        let triangles = meshes || instances(|one| (one.mesh, 0, false));
-        let instances = instances(|one| (one.mesh, one.material, one.is_sphere));
+        let triangles = meshes || instances(|instance| (instance.mesh, 0, false));
+        let instances =
+            instances(|instance| (instance.mesh, instance.material, instance.is_sphere));
         let geometry = meshes || before.instances != after.instances;
         // Materials and mirroring transforms decide the order and winding of triangles.
         let mirrored = |scene: &Scene| -> Vec<bool> {
-            let transforms = scene.instances.iter().map(|one| one.world_from_mesh);
-            transforms.map(|one| is_mirrored(&one)).collect()
+            let transforms = scene
+                .instances
+                .iter()
+                .map(|instance| instance.world_from_mesh);
+            transforms
+                .map(|transform| is_mirrored(&transform))
+                .collect()
         };
         let topology = meshes || instances || materials || mirrored(before) != mirrored(after);
         let lights = self.lights != after.lights || materials || instances;
         let texels = !is_same_image(self.environment.as_ref(), after.environment.as_ref());
         let media = self.media != after.media;
-        let sky = |one: Option<&Environment>| one.map(|one| (one.rotation, one.intensity));
+        let sky = |environment: Option<&Environment>| {
+            environment.map(|environment| (environment.rotation, environment.intensity))
+        };
         let sky = sky(self.environment.as_ref()) != sky(after.environment.as_ref());
 
         let uploaded = match Self::upload(gpu, after, self.use_of, Some(self)) {
@@ -603,9 +617,11 @@ impl GpuScene {
         let version = grown(versions.geometry, geometry);
         let placements = moved(placements, after, &same_meshes, version);
         // Emitters move with their instances.
-        let is_emitting = |one: &Instance| after.materials[one.material].emissive != Vec3::ZERO;
+        let is_emitting =
+            |instance: &Instance| after.materials[instance.material].emissive != Vec3::ZERO;
         let mut placed = placements.iter().zip(&after.instances);
-        let emitters = geometry && placed.any(|(at, one)| at.moved == version && is_emitting(one));
+        let emitters =
+            geometry && placed.any(|(at, instance)| at.moved == version && is_emitting(instance));
         let replaced = Self {
             placements,
             atlases,

@@ -262,44 +262,48 @@ fn every_edit(scene: &Scene) -> Vec<(&'static str, Vec<Edit>)> {
         ),
         (
             "colour",
-            one(material(scene, 0, |one| one.base_color.x = 0.9)),
+            one(material(scene, 0, |material| material.base_color.x = 0.9)),
         ),
         (
             "mirror",
-            one(material(scene, 0, |one| {
-                (one.roughness, one.metallic) = (0.0, 1.0);
+            one(material(scene, 0, |material| {
+                (material.roughness, material.metallic) = (0.0, 1.0);
             })),
         ),
         (
             "emission",
-            one(material(scene, 2, |one| one.emissive.x = 9.0)),
+            one(material(scene, 2, |material| material.emissive.x = 9.0)),
         ),
         (
             "emission of more",
-            one(material(scene, 0, |one| one.emissive = Vec3::splat(0.2))),
+            one(material(scene, 0, |material| {
+                material.emissive = Vec3::splat(0.2)
+            })),
         ),
         (
             "texture",
-            one(material(scene, 1, |one| one.base_color_texture = None)),
+            one(material(scene, 1, |material| {
+                material.base_color_texture = None
+            })),
         ),
         (
             "alpha",
-            one(material(scene, 1, |one| {
-                one.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
-                one.base_color.w = 0.2;
+            one(material(scene, 1, |material| {
+                material.alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
+                material.base_color.w = 0.2;
             })),
         ),
         (
             "bent",
-            one(mesh(scene, 0, |one| {
-                for position in &mut one.positions {
+            one(mesh(scene, 0, |mesh| {
+                for position in &mut mesh.positions {
                     position.y *= 1.5;
                 }
             })),
         ),
         (
             "other triangles",
-            one(mesh(scene, 0, |one| one.indices.truncate(18))),
+            one(mesh(scene, 0, |mesh| mesh.indices.truncate(18))),
         ),
         (
             "sky turned",
@@ -454,10 +458,10 @@ fn what_there_is_not_is_refused_and_changes_nothing() {
     let mut scene = field(2);
     let mut on_gpu = GpuScene::new(&gpu, &scene).unwrap();
     let versions = on_gpu.versions;
-    let mut bad_texture = material(&scene, 0, |one| {
-        one.normal_texture = Some(TextureRef::new(1));
+    let mut bad_texture = material(&scene, 0, |material| {
+        material.normal_texture = Some(TextureRef::new(1));
     });
-    let bad_mesh = mesh(&scene, 0, |one| one.indices[0] = 9999);
+    let bad_mesh = mesh(&scene, 0, |mesh| mesh.indices[0] = 9999);
     let bad_sky = environment(&scene, |sky| sky.intensity = f32::NAN);
     let mut elsewhere = moved(&scene, 0, Vec3::X);
     let good = elsewhere.clone();
@@ -506,11 +510,11 @@ fn spheres_are_moved_and_painted() {
         index: ball,
         world_from_mesh: place(-0.4, 0.5, 0.3) * Mat4::from_scale(vec3(1.5, 0.5, -1.0)),
     };
-    let mirror = material(&start, grey, |one| {
-        (one.roughness, one.metallic) = (0.0, 1.0);
+    let mirror = material(&start, grey, |material| {
+        (material.roughness, material.metallic) = (0.0, 1.0);
     });
-    let mesh = mesh(&start, start.instances[ball].mesh, |one| {
-        for position in &mut one.positions {
+    let mesh = mesh(&start, start.instances[ball].mesh, |mesh| {
+        for position in &mut mesh.positions {
             *position *= 1.2;
         }
     });
@@ -547,10 +551,14 @@ fn edits_that_no_sphere_bears_are_refused_and_change_nothing() {
     let shape = start.instances[ball].mesh;
     let mut on_gpu = GpuScene::with_rays(&gpu, &start).unwrap();
     let versions = on_gpu.versions;
-    let emits = material(&start, grey, |one| one.emissive = Vec3::ONE);
-    let blends = material(&start, grey, |one| one.alpha_mode = AlphaMode::Blend);
-    let flattened = mesh(&start, shape, |one| {
-        one.positions.iter_mut().for_each(|one| one.y *= 0.5);
+    let emits = material(&start, grey, |material| material.emissive = Vec3::ONE);
+    let blends = material(&start, grey, |material| {
+        material.alpha_mode = AlphaMode::Blend
+    });
+    let flattened = mesh(&start, shape, |mesh| {
+        mesh.positions
+            .iter_mut()
+            .for_each(|position| position.y *= 0.5);
     });
     for (edit, reason) in [(emits, "emit"), (blends, "opaque"), (flattened, "ball")] {
         let refused = on_gpu.edit(&gpu, &[edit]);

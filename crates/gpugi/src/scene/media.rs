@@ -47,8 +47,8 @@ pub(crate) fn stand_apart(scene: &Scene) -> bool {
     let meshes: Vec<Bounds> = scene.meshes.iter().map(|mesh| mesh.bounds()).collect();
     let meets_none = |medium: Bounds| {
         let mut instances = scene.instances.iter();
-        instances.all(|one| {
-            let placed = meshes[one.mesh].transformed(&one.world_from_mesh);
+        instances.all(|instance| {
+            let placed = meshes[instance.mesh].transformed(&instance.world_from_mesh);
             placed.min.cmpgt(medium.max).any() || placed.max.cmplt(medium.min).any()
         })
     };

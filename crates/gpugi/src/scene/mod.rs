@@ -324,7 +324,7 @@ impl GpuScene {
         let mut has = [false; 3];
         for material in materials {
             let lobes = objects::lobes(&self.host.materials[material]);
-            has = [0, 1, 2].map(|one| has[one] || lobes[one]);
+            has = [0, 1, 2].map(|lobe| has[lobe] || lobes[lobe]);
         }
         let lobes = "DGS".chars().zip(has);
         let media = (!self.media.is_empty()).then_some('V');

@@ -33,11 +33,13 @@ pub(super) fn moved(
     let placements = instances.map(|(index, instance)| {
         let world_from_mesh = instance.world_from_mesh;
         let before = before.get(index).filter(|_| same_meshes[instance.mesh]);
-        let is_there = |one: &&Placement| one.world_from_mesh == world_from_mesh;
+        let is_there = |placement: &&Placement| placement.world_from_mesh == world_from_mesh;
         Placement {
             world_from_mesh,
-            moved: before.filter(is_there).map_or(version, |one| one.moved),
-            bent: before.map_or(version, |one| one.bent),
+            moved: before
+                .filter(is_there)
+                .map_or(version, |placement| placement.moved),
+            bent: before.map_or(version, |placement| placement.bent),
         }
     });
     placements.collect()

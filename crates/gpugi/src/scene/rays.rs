@@ -152,16 +152,19 @@ impl Rays {
         if self.top.has_become_bad() {
             return false;
         }
-        moved.sort_unstable_by_key(|one| one.item);
+        moved.sort_unstable_by_key(|moved| moved.item);
         let first = self.bottom.end() + self.top.nodes() * NODE_ROWS;
         let items = moved
             .iter()
-            .map(|one| one.item as usize..one.item as usize + 1);
+            .map(|moved| moved.item as usize..moved.item as usize + 1);
         let mut rest = &moved[..];
         for items in joined(items) {
             let (these, others) = rest.split_at(items.len());
-            let rows: Vec<_> = these.iter().map(|one| one.rows).collect();
-            let boxes: Vec<WorldBox> = these.iter().map(|one| WorldBox::new(&one.bounds)).collect();
+            let rows: Vec<_> = these.iter().map(|moved| moved.rows).collect();
+            let boxes: Vec<WorldBox> = these
+                .iter()
+                .map(|moved| WorldBox::new(&moved.bounds))
+                .collect();
             let row = first as usize + items.start * INSTANCE_ROWS as usize;
             gpu.write(&self.buffer, bytes(row), &rows);
             self.refit.write(gpu, items.start as u32, &boxes);

@@ -102,8 +102,8 @@ fn pixels_and_dimension_pairs_are_independent() {
         for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
             let mut cells = vec![0.0; 256];
             for neighbours in all.windows(2) {
-                for (one, other) in neighbours[0].iter().zip(&neighbours[1]) {
-                    cells[(one[a] * 16.0) as usize * 16 + (other[b] * 16.0) as usize] += 1.0;
+                for (point, other) in neighbours[0].iter().zip(&neighbours[1]) {
+                    cells[(point[a] * 16.0) as usize * 16 + (other[b] * 16.0) as usize] += 1.0;
                 }
             }
             let expected = (COUNT * PAIRS / 256) as f64;

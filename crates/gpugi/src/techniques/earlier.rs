@@ -236,7 +236,7 @@ impl<'a> Earlier<'a> {
         // From the eye on, what lies before surfaces has all else gathered behind it.
         let techniques = light.techniques.iter().enumerate();
         let mut before: Vec<_> = techniques
-            .map(|(index, one)| (one.info(), index))
+            .map(|(index, technique)| (technique.info(), index))
             .filter(|(info, _)| info.layer > Layer::Surfaces && adds(info.name))
             .map(|(info, index)| (info.layer, index))
             .collect();
@@ -254,11 +254,11 @@ impl<'a> Earlier<'a> {
             attenuated.clear(frame);
             farthest.clear(frame);
         }
-        let is_nearer = |index| nearer.iter().any(|(one, _)| *one == index);
+        let is_nearer = |index| nearer.iter().any(|(other, _)| *other == index);
         let others = (0..light.techniques.len()).filter(|&index| !is_nearer(index));
         let others = others.map(|index| (index, &farthest));
         let nearer = nearer.iter().rev();
-        for (index, receiver) in others.chain(nearer.map(|(index, one)| (*index, one))) {
+        for (index, receiver) in others.chain(nearer.map(|(index, receiver)| (*index, receiver))) {
             let (before, technique) = light.split(index);
             if !adds(technique.info().name) {
                 continue;

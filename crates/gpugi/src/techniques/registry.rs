@@ -61,18 +61,24 @@ impl Registry {
 
     /// The technique of this name.
     pub fn find(&self, name: &str) -> Option<&Registration> {
-        self.0.iter().find(|one| one.info.name == name)
+        self.0
+            .iter()
+            .find(|registration| registration.info.name == name)
     }
 
     /// The names, separated by commas.
     pub fn names(&self) -> String {
-        let names: Vec<&str> = self.0.iter().map(|one| one.info.name).collect();
+        let names: Vec<&str> = self
+            .0
+            .iter()
+            .map(|registration| registration.info.name)
+            .collect();
         names.join(", ")
     }
 
     /// The names of those that provide something to others, separated by "or".
     pub fn providers(&self, provided: Provided) -> String {
-        let infos = self.0.iter().map(|one| one.info);
+        let infos = self.0.iter().map(|registration| registration.info);
         let providers = infos.filter(|info| info.provides.contains(&provided));
         let names: Vec<&str> = providers.map(|info| info.name).collect();
         names.join(" or ")
@@ -81,7 +87,10 @@ impl Registry {
     /// Inserts a technique before the technique named `before`, whose points it lights; at the end if no technique has
     /// that name.
     pub fn insert_before(&mut self, before: &str, registration: Registration) {
-        let at = self.0.iter().position(|one| one.info.name == before);
+        let at = self
+            .0
+            .iter()
+            .position(|registration| registration.info.name == before);
         self.0.insert(at.unwrap_or(self.0.len()), registration);
     }
 }

@@ -136,10 +136,10 @@ fn declared() -> Vec<Declared> {
             all.push((one, of_struct));
         }
     }
-    for (one, body) in &mut all {
-        one.size = lay_out(&bodies, body, 0, &mut one.fields);
+    for (declared, body) in &mut all {
+        declared.size = lay_out(&bodies, body, 0, &mut declared.fields);
     }
-    all.into_iter().map(|(one, _)| one).collect()
+    all.into_iter().map(|(declared, _)| declared).collect()
 }
 
 impl Declared {
@@ -191,8 +191,8 @@ fn every_struct_shared_with_a_shader_has_one_layout() {
             source: source.into(),
         };
         let module = shader.parse().unwrap();
-        for (index, one) in declared.iter().enumerate() {
-            let linked = one.linked_in(&shader);
+        for (index, declared) in declared.iter().enumerate() {
+            let linked = declared.linked_in(&shader);
             let mut types = module.types.iter().map(|(_, ty)| ty);
             let Some(ty) = types.find(|ty| ty.name.as_deref() == Some(&linked)) else {
                 continue;
@@ -216,7 +216,7 @@ fn every_struct_shared_with_a_shader_has_one_layout() {
             if is_open {
                 fields.pop();
             }
-            let context = format!("{} ({}) in {name}", one.name, one.file.display());
+            let context = format!("{} ({}) in {name}", declared.name, declared.file.display());
             // Padding may be explicit on one side only.
             let named = |fields: &[(String, u32)]| -> Vec<(String, u32)> {
                 let named = fields
@@ -224,21 +224,21 @@ fn every_struct_shared_with_a_shader_has_one_layout() {
                     .filter(|(name, _)| !name.starts_with("padding"));
                 named.cloned().collect()
             };
-            assert_eq!(named(&fields), named(&one.fields), "{context}");
+            assert_eq!(named(&fields), named(&declared.fields), "{context}");
             assert!(
-                is_open || *span == one.size,
+                is_open || *span == declared.size,
                 "{context}: {span} bytes, not {}",
-                one.size
+                declared.size
             );
             found[index] += 1;
         }
     }
-    for (one, found) in declared.iter().zip(found) {
+    for (declared, found) in declared.iter().zip(found) {
         assert!(
             found > 0,
             "no shader has {} of {}",
-            one.mirrored,
-            one.module.display()
+            declared.mirrored,
+            declared.module.display()
         );
     }
 }

@@ -105,8 +105,8 @@ pub(crate) fn run_kernel_on<T: bytemuck::Pod>(
 pub(crate) fn constant(shader: &Shader, module_path: &str, name: &str) -> u32 {
     let module = shader.parse().unwrap();
     let mut constants = module.constants.iter();
-    let found = constants.find(|(_, one)| {
-        let linked = one.name.as_deref().unwrap_or_default();
+    let found = constants.find(|(_, constant)| {
+        let linked = constant.name.as_deref().unwrap_or_default();
         linked.contains(module_path) && linked.ends_with(name)
     });
     let (_, found) = found.unwrap_or_else(|| panic!("{} has no constant {name}", shader.name));

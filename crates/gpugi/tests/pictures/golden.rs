@@ -78,8 +78,11 @@ fn is_as_stored(name: &str, scene: &Scene, mut renderer: Renderer) {
         .zip(stored)
         .map(|(a, b)| a.abs_diff(*b))
         .collect();
-    let mean =
-        differences.iter().map(|&one| f32::from(one)).sum::<f32>() / differences.len() as f32;
+    let mean = differences
+        .iter()
+        .map(|&difference| f32::from(difference))
+        .sum::<f32>()
+        / differences.len() as f32;
     let largest = differences.iter().copied().max().expect("pixels");
     println!("{name}: mean difference {mean} / 255, largest {largest} / 255");
     if mean >= 1.0 || largest >= 24 {

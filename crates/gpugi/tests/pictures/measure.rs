@@ -140,7 +140,12 @@ fn shadow_map_is_near_the_truth_and_the_error_is_that_of_the_pictures() {
 
     // The sky is visible and gives no light: that is the second part of the reference.
     use LightClass::{Area, Environment, Punctual};
-    let parts: Vec<_> = found.truth.parts.iter().map(|one| &one.part).collect();
+    let parts: Vec<_> = found
+        .truth
+        .parts
+        .iter()
+        .map(|traced| &traced.part)
+        .collect();
     assert_eq!(
         parts,
         [
@@ -152,7 +157,7 @@ fn shadow_map_is_near_the_truth_and_the_error_is_that_of_the_pictures() {
         .truth
         .parts
         .iter()
-        .map(|one| one.max_bounces)
+        .map(|traced| traced.max_bounces)
         .collect();
     assert_eq!(bounces, [1, 0]);
     assert!(found.memory.scene > 0 && found.memory.picture >= u64::from(SIZE * SIZE) * 64);
@@ -162,8 +167,8 @@ fn shadow_map_is_near_the_truth_and_the_error_is_that_of_the_pictures() {
             found
                 .passes
                 .iter()
-                .find(|one| one.pass == pass)
-                .map(|one| one.ran)
+                .find(|time| time.pass == pass)
+                .map(|time| time.ran)
         };
         assert_eq!(ran("shadow-map.generate"), Some(1));
         assert_eq!(ran("shadow-map.gather"), Some(16));

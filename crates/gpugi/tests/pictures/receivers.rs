@@ -252,7 +252,7 @@ fn what_is_seen_through_a_medium_is_dimmed() {
         stride: 2,
     };
     let receiver = Receiver::of_probes(&gpu, &probes, Output::Fluence, &target, slots);
-    let factors = transmittance.map(|one| one.extend(0.0).to_array());
+    let factors = transmittance.map(|factor| factor.extend(0.0).to_array());
     let factors = gpu.storage("transmittance", &factors).expect("a buffer");
     let plain = receiver.expect("a receiver");
     let dimmed = plain.clone().seen_through(&factors).expect("a receiver");

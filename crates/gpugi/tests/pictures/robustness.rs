@@ -52,7 +52,8 @@ fn line() -> Mesh {
 fn degenerate_scenes_stay_finite() {
     let Some(gpu) = gpu() else { return };
     // `render` asserts that radiance is finite. What can be lit is lit.
-    let is_lit = |picture: &crate::common::Picture| picture.lit().any(|one| one.radiance.x > 0.0);
+    let is_lit =
+        |picture: &crate::common::Picture| picture.lit().any(|point| point.radiance.x > 0.0);
     let settings = [
         "shadow-map.resolution=64",
         "shadow-map.filter=pcss",

@@ -264,7 +264,7 @@ fn reflectivities_are_near_the_truth() {
     assert!(of(&ball, "48", "sample") > 0.1);
     assert!(of(&ball, "48", "lobe") < 0.006);
     assert!(of(&ball, "48", "ratio") < 0.005);
-    let found = ["sample", "lobe", "ratio"].map(|one| of(&balls, "128", one));
+    let found = ["sample", "lobe", "ratio"].map(|reflectivity| of(&balls, "128", reflectivity));
     let [sample, lobe, ratio] = found;
     assert!(sample < 0.015 && lobe < 0.014 && ratio < 0.017, "{found:?}");
     // Without shadows.

@@ -269,8 +269,8 @@ fn stored_panes_light_as_new_ones() {
     let (stored, warnings) = lit(&read, &others);
     assert!(warnings.is_empty(), "{warnings:?}");
     let (other, _) = lit(&read, &[&others[..], &["stored=false"]].concat());
-    let apart = |one: &[f32]| {
-        let squares = one.iter().zip(&expected).map(|(a, b)| (a - b).powi(2));
+    let apart = |picture: &[f32]| {
+        let squares = picture.iter().zip(&expected).map(|(a, b)| (a - b).powi(2));
         let scale: f32 = expected.iter().map(|value| value * value).sum();
         squares.sum::<f32>() / scale
     };
@@ -279,7 +279,9 @@ fn stored_panes_light_as_new_ones() {
 
     read.materials[0].base_color *= 0.5;
     let (_, warnings) = lit(&read, &others);
-    let is_said = warnings.iter().any(|one| one.contains("other materials"));
+    let is_said = warnings
+        .iter()
+        .any(|warning| warning.contains("other materials"));
     assert!(is_said, "{warnings:?}");
 }
 

@@ -92,7 +92,7 @@ fn a_room_under_a_smooth_sky_is_the_path_tracers() {
     for bounces in ["bounces=1", "bounces=4"] {
         let mut renderer = renderer(&gpu, &["radiance-transfer"], &[bounces]);
         let found = measured(&gpu, &open_room(), &camera(), &mut renderer, [8, 512]);
-        let sum = |of: &[f32]| of.iter().map(|&one| f64::from(one)).sum::<f64>();
+        let sum = |of: &[f32]| of.iter().map(|&value| f64::from(value)).sum::<f64>();
         let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
         let of_blocks = found.value(Metric::RelMse4).expect("a value");
         let error = rel_mse(&found);
@@ -195,7 +195,7 @@ fn a_glossy_teapot_is_the_path_tracers() {
         assert!(
             warnings
                 .iter()
-                .any(|one| one.contains("glossy texels take")),
+                .any(|warning| warning.contains("glossy texels take")),
             "{warnings:?}"
         );
     }
@@ -498,7 +498,9 @@ fn stored_vectors_light_as_new_ones() {
     scene.instances[block].world_from_mesh.w_axis.x += 0.1;
     let (_, warnings) = light(&scene, &[]);
     assert!(
-        warnings.iter().any(|one| one.contains("has moved since")),
+        warnings
+            .iter()
+            .any(|warning| warning.contains("has moved since")),
         "{warnings:?}"
     );
 }

@@ -241,7 +241,7 @@ fn rays_can_see_the_environment_alone() {
             .any(|path| path.class == LightClass::Area)
     );
     let with_lamp = picture(&mut renderer, &camera, 8);
-    let [alone, with_lamp] = [alone, with_lamp].map(|one| one.iter().sum::<f32>());
+    let [alone, with_lamp] = [alone, with_lamp].map(|radiance| radiance.iter().sum::<f32>());
     assert!(with_lamp > 1.01 * alone, "{alone}, {with_lamp}");
 }
 

@@ -239,7 +239,7 @@ fn solids_without_caustics_pass_straight_tinted_light() {
     place(&mut scene, block, glass);
     // Under a sky it absorbs too much.
     let mut lamps = under_each_light(&scene);
-    lamps.retain(|one| one.0 != "sky");
+    lamps.retain(|lamp| lamp.0 != "sky");
     for lit in lamps {
         assert_energies(&gpu, lit, 0.6, "a block of glass");
     }

@@ -448,7 +448,7 @@ fn cascades_shade_near_and_far_without_steps() {
     let (scene, light) = avenue();
     let posts: Vec<_> = scene.instances[1..]
         .iter()
-        .map(|one| scene.meshes[one.mesh].bounds())
+        .map(|post| scene.meshes[post.mesh].bounds())
         .collect();
     let picture = render(&gpu, &scene, &down_the_avenue(0.0), 128, &[]);
     let mut found = [[0; 2]; 2];

@@ -519,8 +519,9 @@ fn neighbours_share_the_samples_of_an_area_light() {
         let interleaved = format!("shadow-map.interleaved={is_shared}");
         render(&gpu, &scene, &camera, SIDE, &[&interleaved])
     });
-    let error =
-        |one: &[f32], other: &[f32]| rel_mse(one.iter().copied().zip(other.iter().copied()));
+    let error = |radiance: &[f32], other: &[f32]| {
+        rel_mse(radiance.iter().copied().zip(other.iter().copied()))
+    };
     let of_pixels = error(&shared.radiance, &whole.radiance);
     let of_fours = error(
         &fours(&shared, SIDE as usize),

@@ -40,8 +40,8 @@ pub fn add(
             None => ArrayTexels::Half(page.to_vec()),
             Some(scale) => {
                 let layers = page.chunks(texels).zip(scale);
-                let bytes =
-                    layers.flat_map(|(layer, scale)| layer.iter().map(|one| bytes(one, *scale)));
+                let bytes = layers
+                    .flat_map(|(layer, scale)| layer.iter().map(|texel| bytes(texel, *scale)));
                 ArrayTexels::Byte(bytes.collect())
             }
         };
@@ -72,7 +72,7 @@ fn scales(vectors: &TransferVectors) -> Vec<f32> {
     for (layer, texels) in layers.enumerate() {
         let scale = &mut scales[layer % vectors.functions()];
         for [rgb @ .., _] in texels {
-            let largest = rgb.iter().map(|one| one.to_f32().abs());
+            let largest = rgb.iter().map(|channel| channel.to_f32().abs());
             *scale = largest.fold(*scale, f32::max);
         }
     }

@@ -35,7 +35,7 @@ fn put_corners(bytes: &mut [u8], at: usize, corners: [Voxel; 2]) {
 
 /// Least multiples of 2^bits.
 fn origin(voxel: Voxel, bits: u32) -> Voxel {
-    voxel.map(|one| one >> bits << bits)
+    voxel.map(|coordinate| coordinate >> bits << bits)
 }
 
 /// Number of an entry of a node whose entries have 2^bits voxels along each axis.
@@ -120,8 +120,8 @@ fn grid(
         let upper = bytes.len();
         bytes.resize(upper + UPPER_BYTES, 0);
         let tile = root + ROOT + TILE * number;
-        let key = (upper_at.iter()).fold(0_u64, |key, &one| {
-            key << 21 | u64::from(one as i32 as u32 >> 12)
+        let key = (upper_at.iter()).fold(0_u64, |key, &coordinate| {
+            key << 21 | u64::from(coordinate as i32 as u32 >> 12)
         });
         put(&mut bytes, tile, &key.to_le_bytes());
         put(&mut bytes, tile + 8, &((upper - root) as u64).to_le_bytes());

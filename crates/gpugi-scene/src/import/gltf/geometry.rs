@@ -121,7 +121,10 @@ impl Geometry {
     fn split_bytes(&self) -> usize {
         let vertices = self.mesh.positions.len().max(1);
         let targets = self.targets.iter().map(MorphTarget::byte_size);
-        let joints = self.influences.as_ref().map_or(0, |one| one.per_vertex);
+        let joints = self
+            .influences
+            .as_ref()
+            .map_or(0, |influences| influences.per_vertex);
         let all = self.mesh.byte_size() + targets.sum::<usize>();
         SPLIT_BYTES + all.div_ceil(vertices) + joints * JOINT_BYTES
     }

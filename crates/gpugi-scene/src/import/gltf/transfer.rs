@@ -58,7 +58,7 @@ pub fn read(
     texels::check_size(extras.size, extras.pages.len()).map_err(error)?;
     let functions = extras.order * extras.order;
     let is_scale = |scale: &Vec<f32>| {
-        scale.len() == functions as usize && scale.iter().all(|one| one.is_finite())
+        scale.len() == functions as usize && scale.iter().all(|factor| factor.is_finite())
     };
     if !extras.scale.as_ref().is_none_or(is_scale) {
         return Err(error(format!("scale needs {functions} finite numbers")));
@@ -83,7 +83,7 @@ pub fn read(
             }
         }
     }
-    let is_finite = |texel: &[f16; 4]| texel.iter().all(|one| one.is_finite());
+    let is_finite = |texel: &[f16; 4]| texel.iter().all(|channel| channel.is_finite());
     if !coefficients.iter().all(is_finite) {
         return Err(error("coefficients that are not finite".to_owned()));
     }

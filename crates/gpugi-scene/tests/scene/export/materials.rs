@@ -215,7 +215,11 @@ fn a_lightmap_is_named_in_extras_with_its_scale() {
     let texels = texels(&baked, lightmap).1;
     assert!(texels[0] == 255 && texels[2] == 0, "{:?}", &texels[..3]);
     // A quarter of the scale is 136.96 in sRGB: the mean of all texels, which are dithered.
-    let greens = texels.iter().skip(1).step_by(3).map(|one| f64::from(*one));
+    let greens = texels
+        .iter()
+        .skip(1)
+        .step_by(3)
+        .map(|green| f64::from(*green));
     let mean = greens.sum::<f64>() / TEXELS as f64;
     assert!((mean - 136.96).abs() < 0.2, "{mean}");
 }

@@ -64,12 +64,12 @@ fn transfer_vectors_come_back() {
     let (vectors, glb) = exported(TransferFormat::Byte);
     keep(&glb);
     let found = read(&glb).unwrap().transfer.expect("vectors");
-    for (one, other) in found.coefficients.iter().zip(&vectors.coefficients) {
-        let pairs = one.iter().zip(other);
+    for (texel, expected) in found.coefficients.iter().zip(&vectors.coefficients) {
+        let pairs = texel.iter().zip(expected);
         let furthest = pairs.map(|(a, b)| (a.to_f32() - b.to_f32()).abs());
         // Half a step of 1 / 127, and the rounding of both to 16 bits.
         assert!(furthest.fold(0.0, f32::max) < 0.5 / 127.0 + 1e-3);
-        assert_eq!(one[3], other[3]);
+        assert_eq!(texel[3], expected[3]);
     }
 }
 

@@ -42,10 +42,16 @@ fn room(root: [f64; 3]) -> File {
 }
 
 fn places(scene: &Scene) -> Vec<Mat4> {
-    let instances = scene.instances.iter().map(|one| one.world_from_mesh);
-    let cameras = scene.cameras.iter().map(|one| one.world_from_view);
-    let lights = scene.lights.iter().map(|one| one.world_from_light);
-    let media = scene.media.iter().filter_map(|one| one.world_from_box);
+    let instances = scene
+        .instances
+        .iter()
+        .map(|instance| instance.world_from_mesh);
+    let cameras = scene.cameras.iter().map(|camera| camera.world_from_view);
+    let lights = scene.lights.iter().map(|light| light.world_from_light);
+    let media = scene
+        .media
+        .iter()
+        .filter_map(|medium| medium.world_from_box);
     instances
         .chain(cameras)
         .chain(lights)
@@ -149,7 +155,7 @@ fn far_vertices_become_near_ones() {
     let at = Vec3::new(500_000.0, 128.0, -4_200_000.0);
     let file = |corner: Vec3, node: Vec3| {
         let mut file = File::empty();
-        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y].map(|one| (one + corner).to_array());
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y].map(|offset| (offset + corner).to_array());
         let positions = file.floats("VEC3", corners.as_flattened());
         file.push(
             "meshes",

@@ -432,7 +432,7 @@ fn values_that_no_surface_has_are_replaced() {
     assert!(
         tangents
             .iter()
-            .all(|one| one.z == 0.0 && one.truncate().is_normalized())
+            .all(|tangent| tangent.z == 0.0 && tangent.truncate().is_normalized())
     );
 
     let mut file = File::triangle();

@@ -180,7 +180,7 @@ fn parts_have_names_of_their_own() {
     let names: Vec<&str> = scene
         .instances
         .iter()
-        .map(|one| one.name.as_str())
+        .map(|instance| instance.name.as_str())
         .collect();
     assert_eq!(names, ["red", "wall (red)"]);
     let two = triangle(|document| {
@@ -189,7 +189,7 @@ fn parts_have_names_of_their_own() {
         document["meshes"][0]["name"] = json!("wall");
     });
     let scene = import("a.gltf", &two, &Nothing, &Limits::default()).unwrap();
-    let names: Vec<&str> = scene.meshes.iter().map(|one| one.name.as_str()).collect();
+    let names: Vec<&str> = scene.meshes.iter().map(|mesh| mesh.name.as_str()).collect();
     assert_eq!(names, ["wall 0", "wall 1"]);
 }
 

@@ -50,7 +50,7 @@ impl LightBake<'_> {
     /// Keeps the result of a task, and finishes its tile if it was the last one.
     pub(super) fn keep(&mut self, part: TexelPart) -> Result<(), LightingError> {
         let number = part.tile;
-        let is_known = |one: &TexelPart| one.tile == number && one.samples == part.samples;
+        let is_known = |known: &TexelPart| known.tile == number && known.samples == part.samples;
         if self.done[number as usize].is_some() || self.parts.iter().any(is_known) {
             return Ok(());
         }

@@ -53,7 +53,7 @@ impl TexelPart {
 pub(in crate::bake) fn are_sums(sums: &[[f32; 4]], samples: usize) -> bool {
     let counts = 0.0..=samples as f32;
     let mut sums = sums.iter();
-    sums.all(|sum| sum.iter().all(|one| one.is_finite()) && counts.contains(&sum[3]))
+    sums.all(|sum| sum.iter().all(|value| value.is_finite()) && counts.contains(&sum[3]))
 }
 
 impl LitRows {

@@ -114,9 +114,10 @@ fn nearest(corners: [DVec2; 3], p: DVec2) -> ([f64; 3], f64) {
         (weights, p.distance(q + (r - q) * share))
     });
     let [first, second, third] = edges;
-    [second, third]
-        .into_iter()
-        .fold(first, |best, one| if one.1 < best.1 { one } else { best })
+    [second, third].into_iter().fold(
+        first,
+        |best, edge| if edge.1 < best.1 { edge } else { best },
+    )
 }
 
 /// Boxes of several sizes, rotated, stretched and mirrored, and a sphere.
@@ -194,7 +195,11 @@ fn texels_show_the_nearest_point_and_hold_what_covers_them() {
             areas[texel]
         );
         // Corners are snapped to 2^-10 texels: a texel that is barely touched may or may not count.
-        let Some(least) = candidates[texel].iter().map(|one| one.0).reduce(f64::min) else {
+        let Some(least) = candidates[texel]
+            .iter()
+            .map(|candidate| candidate.0)
+            .reduce(f64::min)
+        else {
             assert!(areas[texel] < 1e-3 * scale * scale);
             continue;
         };

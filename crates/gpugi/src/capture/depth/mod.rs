@@ -392,7 +392,7 @@ impl DepthAtlas {
         pass.set_index_buffer(casters.indices.slice(..), wgpu::IndexFormat::Uint32);
         // Pipeline by pipeline, so that the pipeline changes three times in all and not three times per view.
         for &draw in draws {
-            if !visible.iter().flatten().any(|(one, _)| *one == draw) {
+            if !visible.iter().flatten().any(|(kind, _)| *kind == draw) {
                 continue;
             }
             let (kernel, group) = match draw {
@@ -407,7 +407,7 @@ impl DepthAtlas {
             pass.set_bind_group(1, group, &[]);
             for (index, ranges) in visible.iter().enumerate() {
                 let mut placed = false;
-                for (_, range) in ranges.iter().filter(|(one, _)| *one == draw) {
+                for (_, range) in ranges.iter().filter(|(kind, _)| *kind == draw) {
                     if !placed {
                         self.place(pass, index);
                         placed = true;

@@ -244,7 +244,7 @@ impl Rectangle {
                 half: (Vec2::new(x.y - x.x, y.y - y.x) / 2.0).max(Vec2::splat(least)),
             })
         });
-        let area = |one: &Self| one.half.element_product();
+        let area = |rectangle: &Self| rectangle.half.element_product();
         let smallest = rectangles.min_by(|a, b| area(a).total_cmp(&area(b)));
         smallest.unwrap_or(Self {
             right: Vec3::X,

@@ -148,12 +148,12 @@ fn cubes_that_are_lit_again_are_lit_briefly_first() {
     let least = others(&renderers);
     assert!(least < 0.05, "{least}");
     // The light's own depth maps come first.
-    for one in &mut renderers {
-        one_frame(one);
+    for renderer in &mut renderers {
+        one_frame(renderer);
     }
     for _ in 0..4 {
-        for one in &mut renderers {
-            one_frame(one);
+        for renderer in &mut renderers {
+            one_frame(renderer);
         }
         let [shared, whole] = renderers.each_ref().map(Renderer::work);
         assert!(shared * 2 < whole, "{shared} of {whole}");

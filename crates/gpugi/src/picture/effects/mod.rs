@@ -68,7 +68,7 @@ impl Effects {
 
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
-        let index = Self::NAMES.iter().position(|one| *one == name)?;
+        let index = Self::NAMES.iter().position(|effect| *effect == name)?;
         let all: [&mut dyn SettingSet; 4] = [
             &mut self.temporal_antialiasing,
             &mut self.exposure,

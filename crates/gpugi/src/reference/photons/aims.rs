@@ -89,8 +89,8 @@ impl Aims {
             row.alias_row = entry.alias;
             row.probability = entry.probability;
         }
-        let of_spheres = spheres.iter().map(|one| {
-            let Sphere { center, radius } = one;
+        let of_spheres = spheres.iter().map(|sphere| {
+            let Sphere { center, radius } = sphere;
             [center.x, center.y, center.z, *radius].map(f32::to_bits)
         });
         let of_lights = rows.iter().map(|row| match row.kind {
@@ -102,7 +102,7 @@ impl Aims {
             spheres: spheres.len() as u32,
             irradiance: spheres
                 .iter()
-                .map(|one| rows.iter().map(|row| irradiance(row, one)).sum())
+                .map(|sphere| rows.iter().map(|row| irradiance(row, sphere)).sum())
                 .fold(0.0, f64::max),
             rows,
         })
@@ -128,7 +128,9 @@ fn irradiance(row: &Light, sphere: &Sphere) -> f64 {
 
 /// The weight by which a light is chosen: the power that it sends into the spheres, about (luminance; W).
 fn power_toward(row: &Light, spheres: &[Sphere]) -> f64 {
-    let of_spheres = spheres.iter().map(|one| irradiance(row, one) * one.disc());
+    let of_spheres = spheres
+        .iter()
+        .map(|sphere| irradiance(row, sphere) * sphere.disc());
     let least = match row.kind {
         DIRECTIONAL => 0.0,
         _ => strength(row) * LEAST_SHARE * 4.0 * PI,
@@ -151,20 +153,20 @@ fn strength(row: &Light) -> f64 {
 
 /// Sum of the solid angles of all spheres seen from a point (sr). Where spheres overlap, each of them counts.
 fn solid_angle(spheres: &[Sphere], from: Vec3) -> f64 {
-    spheres.iter().map(|one| one.solid_angle(from)).sum()
+    spheres.iter().map(|sphere| sphere.solid_angle(from)).sum()
 }
 
 impl Sphere {
     /// A sphere around others.
     fn around(spheres: &[Self]) -> Self {
-        let boxes = spheres.iter().map(|one| Bounds {
-            min: one.center - one.radius,
-            max: one.center + one.radius,
+        let boxes = spheres.iter().map(|sphere| Bounds {
+            min: sphere.center - sphere.radius,
+            max: sphere.center + sphere.radius,
         });
         let center = boxes.fold(Bounds::EMPTY, Bounds::union).center();
         let radii = spheres
             .iter()
-            .map(|one| one.center.distance(center) + one.radius);
+            .map(|sphere| sphere.center.distance(center) + sphere.radius);
         Self {
             center,
             radius: radii.fold(0.0, f32::max) * ROUNDING,
@@ -274,9 +276,9 @@ fn share(mut objects: Vec<Sphere>, most: usize, spheres: &mut Vec<Sphere>) {
     } else if most == 1 {
         spheres.push(Sphere::around(&objects));
     } else {
-        let spread = Bounds::of(objects.iter().map(|one| one.center));
+        let spread = Bounds::of(objects.iter().map(|sphere| sphere.center));
         let axis = (spread.max - spread.min).max_position();
-        objects.sort_by_cached_key(|one| ordered(one.center[axis]));
+        objects.sort_by_cached_key(|sphere| ordered(sphere.center[axis]));
         let upper = objects.split_off(objects.len() / 2);
         share(objects, most / 2, spheres);
         share(upper, most - most / 2, spheres);

@@ -43,9 +43,9 @@ fn spheres_hold_objects() {
                 .iter()
                 .map(|corner| instance.world_from_mesh.transform_point3(*corner));
             let points: Vec<Vec3> = points.collect();
-            let holder = found.iter().find(|one| {
-                let mut distances = points.iter().map(|point| point.distance(one.center));
-                distances.all(|distance| distance <= one.radius)
+            let holder = found.iter().find(|sphere| {
+                let mut distances = points.iter().map(|point| point.distance(sphere.center));
+                distances.all(|distance| distance <= sphere.radius)
             });
             let holder = holder.unwrap_or_else(|| panic!("nothing holds object {at}"));
             if count == 1 {

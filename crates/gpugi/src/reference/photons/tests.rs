@@ -65,7 +65,7 @@ fn mean(
         .collect();
     let count = f64::from(BATCHES);
     let mean = means.iter().sum::<f64>() / count;
-    let squares: f64 = means.iter().map(|one| (one - mean).powi(2)).sum();
+    let squares: f64 = means.iter().map(|of_seed| (of_seed - mean).powi(2)).sum();
     (mean, (squares / (count * (count - 1.0))).sqrt())
 }
 
@@ -516,7 +516,7 @@ fn small_objects_in_large_scenes_stay_bright() {
     let [small, large] = [&scene, &large].map(|scene| {
         let mut tracer = PathTracer::new(&gpu, scene, [16, 16], &keeping("LSDE")).unwrap();
         let picture = picture(&mut tracer, &camera, 4096, 1);
-        picture.iter().map(|one| f64::from(*one)).sum::<f64>()
+        picture.iter().map(|value| f64::from(*value)).sum::<f64>()
     });
     // Rays start at a distance from surfaces that grows with the scene: 2 mm.
     assert!((large / small - 1.0).abs() < 0.06, "{large}, not {small}");

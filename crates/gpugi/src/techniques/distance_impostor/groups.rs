@@ -81,7 +81,7 @@ impl Group {
         members.sort_unstable();
         let roughness = members
             .iter()
-            .map(|&one| scene.objects[one as usize].least_roughness);
+            .map(|&member| scene.objects[member as usize].least_roughness);
         let roughness = roughness.fold(1.0, f32::min);
         let kind = units[0].kind;
         let mut left_out = match kind {
@@ -179,11 +179,11 @@ fn units(claimed: &[u32], scene: &GpuScene) -> Vec<Unit> {
     let units = sorted.chunk_by(|&a, &b| key(a) == key(b)).map(|members| {
         let of_members = members
             .iter()
-            .filter_map(|&one| boxes[one as usize].as_ref());
-        let (low, high) = of_members
-            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), one| {
-                (low.min(one.min), high.max(one.max))
-            });
+            .filter_map(|&member| boxes[member as usize].as_ref());
+        let (low, high) = of_members.fold(
+            (Vec3::INFINITY, Vec3::NEG_INFINITY),
+            |(low, high), bounds| (low.min(bounds.min), high.max(bounds.max)),
+        );
         let size = (high - low).length();
         let kind = Kind::of(&scene.objects[members[0] as usize]);
         let node = scene.objects[members[0] as usize].part_of;

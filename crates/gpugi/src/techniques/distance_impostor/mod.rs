@@ -120,7 +120,12 @@ impl TryFrom<String> for Reference {
         }
         let numbers: Option<Vec<f32>> = text
             .split(',')
-            .map(|one| one.trim().parse().ok().filter(|one: &f32| one.is_finite()))
+            .map(|word| {
+                word.trim()
+                    .parse()
+                    .ok()
+                    .filter(|number: &f32| number.is_finite())
+            })
             .collect();
         match numbers.as_deref() {
             Some(&[x, y, z]) => Ok(Self(Some(Vec3::new(x, y, z)))),
@@ -420,10 +425,10 @@ impl Technique for DistanceImpostor {
             impostor.follow(frame.gpu, making, earlier)?;
         }
         let is_left = !queue.is_empty();
-        let is_new = impostors.iter().enumerate().any(|(index, one)| {
+        let is_new = impostors.iter().enumerate().any(|(index, impostor)| {
             // What waits already need not begin again unless something has changed since.
             let is_other = is_changed || is_refined || is_every_frame || !queue.contains(&index);
-            one.is_due() && is_other
+            impostor.is_due() && is_other
         });
         for &index in &*queue {
             impostors[index].light_whole();
@@ -435,7 +440,7 @@ impl Technique for DistanceImpostor {
             for impostor in &mut *impostors {
                 impostor.next_turn = 0;
             }
-        } else if impostors.iter().all(|one| one.due.is_none()) {
+        } else if impostors.iter().all(|impostor| impostor.due.is_none()) {
             for impostor in &mut *impostors {
                 impostor.once_more();
             }
@@ -474,17 +479,18 @@ impl Technique for DistanceImpostor {
             *next = (index + 1) % count;
             taken.push((index, is_brief));
         }
-        let is_taken = |taken: &[(usize, bool)], index| taken.iter().any(|&(one, _)| one == index);
-        for (index, one) in impostors.iter().enumerate() {
-            if one.is_captured && !is_taken(&taken, index) {
+        let is_taken =
+            |taken: &[(usize, bool)], index| taken.iter().any(|&(other, _)| other == index);
+        for (index, impostor) in impostors.iter().enumerate() {
+            if impostor.is_captured && !is_taken(&taken, index) {
                 if let Some(place) = queue.iter().position(|&waiting| waiting == index) {
                     queue.remove(place);
                 }
                 taken.push((index, queue.contains(&index)));
             }
         }
-        for (index, one) in impostors.iter_mut().enumerate() {
-            one.show(frame, making, earlier, is_taken(&taken, index))?;
+        for (index, impostor) in impostors.iter_mut().enumerate() {
+            impostor.show(frame, making, earlier, is_taken(&taken, index))?;
         }
         for (index, is_brief) in taken {
             let (before, rest) = impostors.split_at_mut(index);
@@ -494,7 +500,7 @@ impl Technique for DistanceImpostor {
             let kernel = self.kernels.gather_into(this.kind, self.settings.show);
             this.light(frame, making, earlier, is_brief, |frame, receiver| {
                 let others = before.iter().chain(&*after);
-                let others = others.filter(|one| one.is_lit);
+                let others = others.filter(|impostor| impostor.is_lit);
                 add(frame, scene, (&self.kernels, kernel), receiver, others)
             })?;
         }
@@ -507,7 +513,7 @@ impl Technique for DistanceImpostor {
             impostors[*index].work(earlier, is_brief)
         });
         *waiting = of_queue.sum();
-        let is_lit = impostors.iter().all(|one| one.is_lit);
+        let is_lit = impostors.iter().all(|impostor| impostor.is_lit);
         Ok(Generated {
             revision: *finished,
             progress: 1.0 - queue.len() as f32 / (*queued).max(1) as f32,
@@ -550,6 +556,6 @@ fn add<'a>(
     mut impostors: impl Iterator<Item = &'a Impostor>,
 ) -> Result<(), GpuError> {
     frame.compute("distance-impostor.gather", |pass| {
-        impostors.try_for_each(|one| one.gather(pass, scene, kernels, gather, receiver))
+        impostors.try_for_each(|impostor| impostor.gather(pass, scene, kernels, gather, receiver))
     })
 }

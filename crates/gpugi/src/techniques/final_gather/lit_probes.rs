@@ -211,7 +211,7 @@ impl LitProbes {
         Ok(Self {
             cubes: match &layout {
                 Layout::Objects(claimed) => {
-                    let point = |one| ObjectPoint::new(gpu, capture, &settings, one, has_own);
+                    let point = |object| ObjectPoint::new(gpu, capture, &settings, object, has_own);
                     Cubes::OfObjects {
                         objects: claimed.numbers().map(point).collect::<Result<_, _>>()?,
                         next: 0,
@@ -436,8 +436,8 @@ impl LitProbes {
                 [stale, never, points.turns()]
             }
             Cubes::OfObjects { objects, .. } => {
-                let stale = objects.iter().filter(|one| one.is_stale()).count();
-                let never = objects.iter().filter(|one| !one.is_lit).count();
+                let stale = objects.iter().filter(|object| object.is_stale()).count();
+                let never = objects.iter().filter(|object| !object.is_lit).count();
                 [stale, never, objects.len()]
             }
         }

@@ -93,11 +93,11 @@ impl FinalGather {
             // What is emitted is reflected diffusely before it is seen again.
             paths.push(new(format!("L{middle}{last}E")));
         }
-        let of_class = covered.iter().filter(|one| one.class == class);
+        let of_class = covered.iter().filter(|paths| paths.class == class);
         if self.settings.glossy {
             // Cubes see all that the techniques before this one add.
             let more = format!("{middle}{last}");
-            paths.extend(of_class.map(|one| one.continued(&more)));
+            paths.extend(of_class.map(|paths| paths.continued(&more)));
             return paths;
         }
         // Cubes see the diffuse part of it.
@@ -108,8 +108,12 @@ impl FinalGather {
         if caustics > 0 {
             paths.push(new(format!("LS{{1,{caustics}}}D{middle}DE")));
         }
-        let is_indirect = |one: &&LightPaths| adds(std::slice::from_ref(*one), class, "LDDE");
-        paths.extend(of_class.filter(is_indirect).map(|one| one.continued("D")));
+        let is_indirect = |paths: &&LightPaths| adds(std::slice::from_ref(*paths), class, "LDDE");
+        paths.extend(
+            of_class
+                .filter(is_indirect)
+                .map(|paths| paths.continued("D")),
+        );
         paths
     }
 

@@ -244,7 +244,10 @@ impl Batches {
         };
         made.drawing = drawing;
         let is_all_covered = scene.core == scene.bounds;
-        let maps = made.batches.iter().flat_map(|one| one.maps(is_all_covered));
+        let maps = made
+            .batches
+            .iter()
+            .flat_map(|batch| batch.maps(is_all_covered));
         let maps: Vec<DirectionMap> = maps.collect();
         gpu.write(&made.directions, 0, directions);
         gpu.write(&made.maps, 0, &maps);

@@ -27,7 +27,8 @@ pub fn settings(occasion: &Occasion<'_>) -> Values {
 /// whatever is thin and leak at edges. Not among solids of glass: each ray passes many surfaces there, and takes four
 /// times as long as maps with their drawing (docs/techniques/image-based-lighting.md).
 fn traces(occasion: &Occasion<'_>) -> bool {
-    let is_solid_glass = |one: &Material| one.transmission > 0.0 && one.volume.is_some();
+    let is_solid_glass =
+        |material: &Material| material.transmission > 0.0 && material.volume.is_some();
     occasion.has_rays
         && occasion.speed == Speed::Fast
         && occasion.triangles <= MOST_TRACED

@@ -163,7 +163,7 @@ fn along_curve(step: u32, of_side: u32) -> [u32; 2] {
         let down = (rest ^ right) & 1;
         if down == 0 {
             if right == 1 {
-                cell = cell.map(|one| side - 1 - one);
+                cell = cell.map(|coordinate| side - 1 - coordinate);
             }
             cell.swap(0, 1);
         }

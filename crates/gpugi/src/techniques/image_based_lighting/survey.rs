@@ -156,14 +156,14 @@ impl Survey {
             ((WIDTH as f32 * aspect).round() as u32).clamp(1, 512),
         ];
         let view = view.at_size(size, scene.diagonal());
-        let mut capture = match self.capture.take().filter(|one| one.size() == size) {
+        let mut capture = match self.capture.take().filter(|capture| capture.size() == size) {
             Some(capture) => capture,
             None => Capture::of_camera(gpu, kernels, size)?,
         };
         capture.record(frame, scene, &view, |draw| draw.seen)?;
 
         let environment = scene.environment.as_ref();
-        let rotation = environment.map_or(0.0, |one| one.rotation);
+        let rotation = environment.map_or(0.0, |environment| environment.rotation);
         let world_from_map = Mat3::from_rotation_y(rotation);
         let light = self.parts.light(cells);
         let directions = self.parts.toward.iter().zip(light);
@@ -271,8 +271,8 @@ impl Parts {
         }
         let parts = || expected.iter().zip(&around);
         let all: f64 = expected.iter().sum();
-        let seen: f64 = parts().map(|(draws, one)| draws * one).sum();
-        let squares: f64 = parts().map(|(draws, one)| draws * one * one).sum();
+        let seen: f64 = parts().map(|(draws, weight)| draws * weight).sum();
+        let squares: f64 = parts().map(|(draws, weight)| draws * weight * weight).sum();
         // Kish's effective sample size, relative to the number of draws. Where nothing is seen, or rounding made weights
         // infinite, nothing is known.
         let is_narrow = seen * seen < OPEN * all * squares;

@@ -177,7 +177,10 @@ fn domains_hold_all_the_light() {
         assert_eq!(domains.len(), count as usize);
         assert_conserved(&scene, &domains, &format!("{size:?}, {count} samples"));
         // Few samples coincide or are crowded out.
-        let used = domains.iter().filter(|one| one.solid_angle > 0.0).count();
+        let used = domains
+            .iter()
+            .filter(|domain| domain.solid_angle > 0.0)
+            .count();
         assert!(used * 10 >= count as usize * 9, "{used} of {count} in use");
     }
 }
@@ -195,7 +198,7 @@ fn cells_belong_to_the_nearest_sample() {
     let mut wrong = 0;
     for (index, &owner) in owners.iter().enumerate() {
         let here = direction(cells, index as u32 % cells[0], index as u32 / cells[0]);
-        let nearest = domains.iter().map(|one| one.toward.dot(here));
+        let nearest = domains.iter().map(|domain| domain.toward.dot(here));
         let nearest = nearest.fold(-1.0, f32::max);
         // Relaxation leaves samples slightly off the centres.
         wrong += usize::from(domains[owner as usize].toward.dot(here) < nearest - 2e-3);
@@ -236,7 +239,10 @@ fn relaxation_tends_to_the_density_asked_for() {
             ..settings(85)
         };
         let (domains, ..) = domains(&gpu, &scene, &settings);
-        let above = domains.iter().filter(|one| one.toward.y > 0.0).count() as f32;
+        let above = domains
+            .iter()
+            .filter(|domain| domain.toward.y > 0.0)
+            .count() as f32;
         let ratio = above / (85.0 - above);
         println!("{spread:?}: {ratio}");
         assert!((low..high).contains(&ratio), "{spread:?}: {ratio}");
@@ -259,7 +265,7 @@ fn a_sun_of_a_texel_takes_one_sample() {
         assert_conserved(&sun(0.0), &domains, "sun alone");
         let lit: Vec<_> = domains
             .iter()
-            .filter(|one| one.flux_density.x > 0.0)
+            .filter(|domain| domain.flux_density.x > 0.0)
             .collect();
         assert_eq!(lit.len(), 1);
         assert!((lit[0].toward - toward).length() < 1e-5, "{lit:?}");
@@ -268,12 +274,12 @@ fn a_sun_of_a_texel_takes_one_sample() {
     let (domains, ..) = domains(&gpu, &sun(0.5), &settings(64));
     let bright = domains
         .iter()
-        .filter(|one| one.flux_density.x > 2.0)
+        .filter(|domain| domain.flux_density.x > 2.0)
         .count();
     assert_eq!(bright, 1);
     let lit = domains
         .iter()
-        .filter(|one| one.flux_density.x > 0.0)
+        .filter(|domain| domain.flux_density.x > 0.0)
         .count();
     assert!(lit >= 62, "{lit} of 64");
     assert_conserved(&sun(0.5), &domains, "sun and sky");
@@ -284,7 +290,11 @@ fn dark_skies_have_dark_domains() {
     let Some(gpu) = test_gpu() else { return };
     for size in [[1, 1], [64, 32]] {
         let (domains, ..) = domains(&gpu, &sky(size, |_, _| Vec3::ZERO), &settings(16));
-        assert!(domains.iter().all(|one| one.flux_density == Vec3::ZERO));
+        assert!(
+            domains
+                .iter()
+                .all(|domain| domain.flux_density == Vec3::ZERO)
+        );
     }
     // More samples than cells with light.
     let few = sky([64, 32], |x, y| {
@@ -297,7 +307,7 @@ fn dark_skies_have_dark_domains() {
     let (domains, ..) = domains(&gpu, &few, &settings(200));
     let lit = domains
         .iter()
-        .filter(|one| one.flux_density.x > 0.0)
+        .filter(|domain| domain.flux_density.x > 0.0)
         .count();
     assert!((1..=5).contains(&lit), "{lit}");
     assert_conserved(&few, &domains, "few cells");
@@ -453,9 +463,9 @@ fn draws_of_all_samples_add_up_to_the_sky() {
     };
     let draws = Draws::new(&cells, count, |_| 1.0);
     let sun = Vec3::new(0.3, 0.8, -0.5).normalize();
-    let is_sun = |one: &&Domain| one.toward.dot(sun) > 0.99;
+    let is_sun = |domain: &&Domain| domain.toward.dot(sun) > 0.99;
     let flux = |domains: &mut dyn Iterator<Item = &Domain>| -> f32 {
-        domains.map(|one| one.flux_density.x).sum()
+        domains.map(|domain| domain.flux_density.x).sum()
     };
     let exact = integral(&scene)[0] as f32;
     let (mut all, mut upper) = (0.0, 0.0);
@@ -464,15 +474,15 @@ fn draws_of_all_samples_add_up_to_the_sky() {
         let drawn = draws.of_sample(turn);
         assert_eq!(drawn.len(), count as usize);
         assert!(turn == 0 || drawn[0].toward != sample[0].toward);
-        for one in &drawn {
-            assert!((one.toward.length() - 1.0).abs() < 1e-5);
+        for domain in &drawn {
+            assert!((domain.toward.length() - 1.0).abs() < 1e-5);
         }
         // Cells as bright as the sun's are drawn in every sample.
         let of_sun =
             flux(&mut drawn.iter().filter(is_sun)) / flux(&mut sample.iter().filter(is_sun));
         assert!((of_sun - 1.0).abs() < 0.1, "{of_sun}");
         all += flux(&mut drawn.iter()) / exact / 64.0;
-        upper += flux(&mut drawn.iter().filter(|one| one.toward.x > 0.5)) / 64.0;
+        upper += flux(&mut drawn.iter().filter(|domain| domain.toward.x > 0.5)) / 64.0;
     }
     assert!((all - 1.0).abs() < 0.01, "{all}");
     let expected: f32 = {

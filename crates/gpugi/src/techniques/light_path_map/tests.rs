@@ -395,7 +395,7 @@ fn panes_may_be_16_bit_floats() {
         .zip(halves.lit(&weights, 0));
     let pairs = pairs.filter(|pair| pair.0[3] > 0.0);
     let off: Vec<f32> = pairs
-        .map(|(one, other)| (one[1] / other[1] - 1.0).abs())
+        .map(|(lit, other)| (lit[1] / other[1] - 1.0).abs())
         .collect();
     let worst = off.iter().copied().fold(0.0, f32::max);
     println!("rgb9e5 is off by up to {worst} from 16-bit floats");
@@ -412,7 +412,7 @@ fn panes_may_be_16_bit_floats() {
     let pairs: Vec<_> = pairs.filter(|pair| pair.1[3] > 0.0).collect();
     let squares = pairs
         .iter()
-        .map(|(one, other)| (one[1] / other[1] - 1.0).powi(2));
+        .map(|(lit, other)| (lit[1] / other[1] - 1.0).powi(2));
     let off = (squares.sum::<f32>() / pairs.len() as f32).sqrt();
     println!("bc6h is off by {off}, in the mean of squares");
     assert!(pairs.len() > 200 && off < 0.01, "{off}");
@@ -443,10 +443,10 @@ fn few_panes_keep_the_power_and_even_light() {
         power(&all),
         all.iter().map(|lit| lit[1]).fold(0.0, f32::max),
     );
-    let off = |one: &[[f32; 4]], other: &[[f32; 4]]| {
-        let pairs = one.iter().zip(other).filter(|(one, _)| one[3] > 0.0);
+    let off = |lit: &[[f32; 4]], other: &[[f32; 4]]| {
+        let pairs = lit.iter().zip(other).filter(|(lit, _)| lit[3] > 0.0);
         pairs
-            .map(|(one, other)| (one[1] - other[1]).abs())
+            .map(|(lit, other)| (lit[1] - other[1]).abs())
             .fold(0.0, f32::max)
             / brightest
     };

@@ -419,10 +419,12 @@ impl Solution {
             .zip(self.state.bounds.iter().zip(bounds));
         let moved = placed.filter(|(place, _)| place.moved > version);
         let boxes = moved.flat_map(|(_, (before, now))| [*before, *now]);
-        let boxes = boxes.filter(|one| !one.is_empty()).map(|one| Bounds {
-            min: one.min - reach,
-            max: one.max + reach,
-        });
+        let boxes = boxes
+            .filter(|bounds| !bounds.is_empty())
+            .map(|bounds| Bounds {
+                min: bounds.min - reach,
+                max: bounds.max + reach,
+            });
         boxes.collect()
     }
 

@@ -122,7 +122,9 @@ fn found(gpu: &Gpu, scene: &Scene, size: u32, settings: &Settings) -> Vec<Found>
 
 /// Root mean square.
 fn rms(errors: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = errors.fold((0.0, 0), |(sum, count), one| (sum + one * one, count + 1));
+    let (sum, count) = errors.fold((0.0, 0), |(sum, count), error| {
+        (sum + error * error, count + 1)
+    });
     assert!(count > 0, "nothing is compared");
     (sum / f64::from(count)).sqrt()
 }

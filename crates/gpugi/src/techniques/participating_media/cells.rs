@@ -21,19 +21,23 @@ const MOST_CELLS: f32 = 256.0;
 impl Cells {
     /// Cells that each hold about one particle's centre.
     pub fn of_spheres(particles: &[Particle]) -> Self {
-        let centre = |one: &Particle| Vec3::from_array(one.position);
+        let centre = |particle: &Particle| Vec3::from_array(particle.position);
         let all = particles.iter();
-        let low = all.clone().map(|one| centre(one) - one.radius);
-        let high = all.clone().map(|one| centre(one) + one.radius);
+        let low = all
+            .clone()
+            .map(|particle| centre(particle) - particle.radius);
+        let high = all
+            .clone()
+            .map(|particle| centre(particle) + particle.radius);
         let (Some(low), Some(high)) = (low.reduce(Vec3::min), high.reduce(Vec3::max)) else {
             return Self::default();
         };
         let (side, counts) = partition(high - low, particles.len());
-        let range = |one: &Particle| {
+        let range = |particle: &Particle| {
             let cell = |at: Vec3| ((at - low) / side).as_uvec3().min(counts - 1);
             (
-                cell(centre(one) - one.radius),
-                cell(centre(one) + one.radius),
+                cell(centre(particle) - particle.radius),
+                cell(centre(particle) + particle.radius),
             )
         };
         let (starts, entries) = lists(counts, all.map(range));
@@ -200,7 +204,7 @@ mod tests {
             for (point, found) in points.iter().zip(found) {
                 let mut all: Vec<f32> = places
                     .iter()
-                    .map(|one| one.distance_squared(*point))
+                    .map(|place| place.distance_squared(*point))
                     .collect();
                 all.sort_by(f32::total_cmp);
                 for (number, (_, squared)) in found.into_iter().enumerate() {

@@ -170,7 +170,10 @@ impl Settings {
     }
 
     fn made_from(&self, scene: &GpuScene, lights: usize) -> ParticleKey {
-        let fills_everything = scene.media.iter().any(|one| one.world_from_box.is_none());
+        let fills_everything = scene
+            .media
+            .iter()
+            .any(|medium| medium.world_from_box.is_none());
         ParticleKey {
             media: scene.versions.media,
             bounds: fills_everything.then_some(scene.bounds),

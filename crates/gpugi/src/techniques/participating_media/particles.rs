@@ -78,28 +78,30 @@ impl Particles {
             with_known.map(|(medium, known)| distribute(medium, bounds, known.as_ref()));
         let distributed: Vec<Option<Distributed>> = distributed.collect();
         let all = distributed.iter().flatten();
-        let total: f64 = all.map(|one| one.extinction).sum();
+        let total: f64 = all.map(|distributed| distributed.extinction).sum();
         let mut made = Self::default();
         let mut nodes = 0;
-        for ((medium, one), known) in media.iter().zip(&distributed).zip(&mut known.by_medium) {
+        for ((medium, distributed), known) in
+            media.iter().zip(&distributed).zip(&mut known.by_medium)
+        {
             made.phases.push(medium.phase);
             made.fields.push([1, 1, 1, 0]);
             let kept = known.take();
-            let Some(one) = one else {
+            let Some(distributed) = distributed else {
                 are_same &= kept.is_none();
                 continue;
             };
             made.are_seen = true;
-            let share = one.extinction / total.max(f64::MIN_POSITIVE);
-            let own = if one.extinction > 0.0 {
+            let share = distributed.extinction / total.max(f64::MIN_POSITIVE);
+            let own = if distributed.extinction > 0.0 {
                 (f64::from(count) * share).round().max(1.0) as u32
             } else {
                 0
             };
-            let kept = kept.filter(|kept| kept.is_of(one, own));
+            let kept = kept.filter(|kept| kept.is_of(distributed, own));
             are_same &= kept.is_some();
-            let placement = kept.unwrap_or_else(|| Placement::new(one, own));
-            made.add(one, &placement, nodes);
+            let placement = kept.unwrap_or_else(|| Placement::new(distributed, own));
+            made.add(distributed, &placement, nodes);
             nodes += placement.neighbours.len() as u32;
             *known = Some(placement);
         }
@@ -139,7 +141,7 @@ fn neighbours(placements: &[Option<Placement>]) -> Vec<[[u32; NEIGHBOURS]; 2]> {
         let begin = first;
         first += placed.spheres.len() as u32;
         let own = placed.neighbours.iter();
-        own.map(move |[numbers, weights]| [numbers.map(|one| begin + one), *weights])
+        own.map(move |[numbers, weights]| [numbers.map(|number| begin + number), *weights])
     });
     of_all.collect()
 }
@@ -221,9 +223,9 @@ pub fn bounded(asymmetry: f32) -> f32 {
 /// last one: it counts nothing, so that weights are continuous where it is replaced. They sum to 1.
 fn weights(squared: &[f32; NEIGHBOURS]) -> [f32; NEIGHBOURS] {
     let last = squared[NEIGHBOURS - 1].max(f32::MIN_POSITIVE);
-    let weights = squared.map(|one| (1.0 - one / last).max(0.0).powi(2) + 1e-6);
+    let weights = squared.map(|squared| (1.0 - squared / last).max(0.0).powi(2) + 1e-6);
     let sum: f32 = weights.iter().sum();
-    weights.map(|one| one / sum)
+    weights.map(|weight| weight / sum)
 }
 
 /// The medium with its box and its distribution; `None` if it neither takes light nor gives any, or has no volume.
@@ -394,7 +396,10 @@ mod tests {
         let made = particles(&[medium(Some(uneven()))], 1024);
         assert_eq!(made.particles.len(), 1024);
         let count = |is_there: fn(&[f32; 3]) -> bool| {
-            let found = made.particles.iter().filter(|one| is_there(&one.position));
+            let found = made
+                .particles
+                .iter()
+                .filter(|particle| is_there(&particle.position));
             found.count() as i32
         };
         assert_eq!(count(|at| at[1] < 0.0), 0);
@@ -404,9 +409,9 @@ mod tests {
         let optical: f32 = made
             .particles
             .iter()
-            .map(|one| {
-                let density = if one.position[0] > 0.0 { 3.0 } else { 1.0 };
-                4.0 / 3.0 * std::f32::consts::PI * one.radius.powi(3) * density
+            .map(|particle| {
+                let density = if particle.position[0] > 0.0 { 3.0 } else { 1.0 };
+                4.0 / 3.0 * std::f32::consts::PI * particle.radius.powi(3) * density
             })
             .sum();
         assert!((optical - 8.0).abs() < 1e-3, "{optical}");
@@ -425,7 +430,7 @@ mod tests {
             ..clear
         };
         let made = particles(&[glowing, medium(None)], 64);
-        assert!(made.particles.iter().all(|one| one.medium == 1));
+        assert!(made.particles.iter().all(|particle| particle.medium == 1));
         assert_eq!(made.particles.len(), 64);
         let torn = DensityGrid {
             size: [3; 3],
@@ -463,7 +468,7 @@ mod tests {
             let media = [moved.clone(), still.clone()];
             let made = Particles::new(&media, 512, &Bounds::EMPTY, &mut known);
             let placed = known.by_medium.iter().flatten();
-            let placed: Vec<_> = placed.map(|one| one.spheres.as_ptr()).collect();
+            let placed: Vec<_> = placed.map(|placement| placement.spheres.as_ptr()).collect();
             (made, placed)
         };
         let (before, first) = make(&moved);
@@ -474,9 +479,10 @@ mod tests {
         assert!(Arc::ptr_eq(&before.neighbours, &made.neighbours));
         let anew = particles(&[moved.clone(), medium(None)], 512);
         assert_eq!(made.neighbours, anew.neighbours);
-        for (one, other) in made.particles.iter().zip(&anew.particles) {
-            let [at, expected] = [one, other].map(|one| Vec3::from_array(one.position));
-            assert!(at.distance(expected) < 1e-5 && (one.radius - other.radius).abs() < 1e-5);
+        for (particle, other) in made.particles.iter().zip(&anew.particles) {
+            let [at, expected] =
+                [particle, other].map(|particle| Vec3::from_array(particle.position));
+            assert!(at.distance(expected) < 1e-5 && (particle.radius - other.radius).abs() < 1e-5);
         }
         moved.world_from_box = moved
             .world_from_box
@@ -484,7 +490,8 @@ mod tests {
         assert_ne!(make(&moved).0.particles[0].radius, made.particles[0].radius);
         moved.density = None;
         let (replaced, _) = make(&moved);
-        let is_below = |one: &gpu::Particle| one.medium == 0 && one.position[1] < 0.0;
+        let is_below =
+            |particle: &gpu::Particle| particle.medium == 0 && particle.position[1] < 0.0;
         assert!(replaced.particles.iter().any(is_below));
     }
 

@@ -209,7 +209,7 @@ fn the_fixed_point_is_that_of_the_equation() {
         let solved = solve(&found);
         let largest = solved
             .iter()
-            .map(|one| one.max_element())
+            .map(|radiance| radiance.max_element())
             .fold(0.0, f64::max);
         for (solved, found) in solved.iter().zip(&found.incoming) {
             let error = (*solved - *found).abs().max_element() / largest;

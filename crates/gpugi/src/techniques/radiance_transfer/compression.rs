@@ -231,7 +231,10 @@ fn pack(low: f32, high: f32) -> u32 {
 impl Analysis {
     /// `assigned`: the cluster of each texel. Clusters with fewer than the minimum of points join the others.
     fn new(settings: &Settings, assigned: &[u32], vectors: Vec<u32>) -> Self {
-        let count = assigned.iter().filter(|&&one| one != NO_CLUSTER).max();
+        let count = assigned
+            .iter()
+            .filter(|&&cluster| cluster != NO_CLUSTER)
+            .max();
         let count = count.map_or(0, |&most| most as usize + 1);
         let mut clusters = vec![Vec::new(); count];
         for (texel, &cluster) in assigned.iter().enumerate() {
@@ -280,7 +283,8 @@ impl Analysis {
         while clusters.len() > 1 {
             let sizes = clusters.iter().map(Vec::len).enumerate();
             let smallest = sizes.min_by_key(|&(_, size)| size);
-            let Some((smallest, _)) = smallest.filter(|one| one.1 < settings.minimum as usize)
+            let Some((smallest, _)) =
+                smallest.filter(|smallest| smallest.1 < settings.minimum as usize)
             else {
                 break;
             };
@@ -290,12 +294,12 @@ impl Analysis {
                 let squared = |mean: &Vec<f64>| -> f64 {
                     let pairs = vector.iter().zip(mean);
                     pairs
-                        .map(|(one, other)| (f64::from(*one) - other).powi(2))
+                        .map(|(value, mean)| (f64::from(*value) - mean).powi(2))
                         .sum()
                 };
                 let squares = means.iter().map(squared).enumerate();
-                let nearest = squares.min_by(|one, other| one.1.total_cmp(&other.1));
-                clusters[nearest.map_or(0, |one| one.0)].push(texel);
+                let nearest = squares.min_by(|a, b| a.1.total_cmp(&b.1));
+                clusters[nearest.map_or(0, |nearest| nearest.0)].push(texel);
             }
         }
         self.clusters = clusters;

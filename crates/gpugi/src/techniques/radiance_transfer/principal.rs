@@ -21,14 +21,14 @@ impl Subspace {
                 .zip(&mean)
                 .map(|(value, mean)| f64::from(*value) - mean)
                 .collect();
-            for (row, one) in covariance.iter_mut().zip(&off) {
+            for (row, deviation) in covariance.iter_mut().zip(&off) {
                 for (sum, other) in row.iter_mut().zip(&off) {
-                    *sum += one * other;
+                    *sum += deviation * other;
                 }
             }
         }
         let mut pairs = eigenpairs(covariance);
-        pairs.sort_by(|one, other| other.0.total_cmp(&one.0));
+        pairs.sort_by(|a, b| b.0.total_cmp(&a.0));
         let narrow = |vector: &[f64]| vector.iter().map(|&value| value as f32).collect();
         Self {
             basis: pairs
@@ -134,9 +134,9 @@ mod tests {
             })
             .collect();
         let found = Subspace::new(&vectors, 3);
-        for (i, one) in found.basis.iter().enumerate() {
+        for (i, vector) in found.basis.iter().enumerate() {
             for (j, other) in found.basis.iter().enumerate() {
-                let dot: f32 = one.iter().zip(other).map(|(a, b)| a * b).sum();
+                let dot: f32 = vector.iter().zip(other).map(|(a, b)| a * b).sum();
                 assert!(
                     (dot - f32::from(u8::from(i == j))).abs() < 1e-5,
                     "{i} {j}: {dot}"

@@ -76,7 +76,7 @@ pub(super) fn finished(
         let of_function = packed[function..].iter().step_by(functions).take(texels);
         let values: Vec<[f32; 4]> = of_function
             .clone()
-            .map(|one| one.map(f16::to_f32))
+            .map(|texel| texel.map(f16::to_f32))
             .collect();
         gpu.write(&image.radiance, 0, &values);
         let mut frame = Frame::new(gpu, false);

@@ -342,9 +342,9 @@ fn turned_coefficients_are_those_of_the_turned_environment() {
         let settings = [("order", "8"), ("rays", "1"), ("resolution", "16")];
         Solver::new(&gpu, &scene, &settings).solve().light()
     };
-    let off = |one: &[Vec3], other: &[Vec3]| {
-        let pairs = one.iter().zip(other);
-        let pairs = pairs.map(|(one, other)| (*one - *other).abs().max_element());
+    let off = |light: &[Vec3], other: &[Vec3]| {
+        let pairs = light.iter().zip(other);
+        let pairs = pairs.map(|(texel, other)| (*texel - *other).abs().max_element());
         pairs.fold(0.0, f32::max)
     };
     let straight = light(0, 0.0, 1.0);
@@ -353,7 +353,10 @@ fn turned_coefficients_are_those_of_the_turned_environment() {
     let error = off(&light(0, angle, 1.0), &light(21, 0.0, 1.0));
     let back = off(
         &light(21, -angle, 2.0),
-        &straight.iter().map(|one| 2.0 * *one).collect::<Vec<_>>(),
+        &straight
+            .iter()
+            .map(|texel| 2.0 * *texel)
+            .collect::<Vec<_>>(),
     );
     let turned = off(&light(0, angle, 1.0), &straight);
     println!("{error} {back}; turning changes {turned}");
@@ -390,14 +393,14 @@ fn other_light_lights_the_same_vectors() {
     assert!(
         after
             .iter()
-            .map(|one| one.1)
-            .eq(fresh.texels().iter().map(|one| one.1))
+            .map(|texel| texel.1)
+            .eq(fresh.texels().iter().map(|texel| texel.1))
     );
     assert!(
         !after
             .iter()
-            .map(|one| one.1)
-            .eq(before.iter().map(|one| one.1))
+            .map(|texel| texel.1)
+            .eq(before.iter().map(|texel| texel.1))
     );
     assert!(solver.vectors() == vectors);
     // Other materials do.

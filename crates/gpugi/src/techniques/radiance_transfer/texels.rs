@@ -187,7 +187,9 @@ impl LitTexels {
         // After a change, compressed vectors remain until there are others.
         let compressed = self.compressed.as_ref();
         let compressed = compressed.filter(|_| self.transfer.vectors().is_none());
-        let compressed = compressed.map(|one| one.save(gpu)).transpose()?;
+        let compressed = compressed
+            .map(|compressed| compressed.save(gpu))
+            .transpose()?;
         Ok(Some(Saved {
             revision: self.revision,
             transfer,
@@ -201,8 +203,8 @@ impl LitTexels {
     /// Why it does not fit these texels.
     pub fn resume(&mut self, gpu: &Gpu, saved: &Saved) -> Result<(), String> {
         let texels = self.irradiance.target.radiance.size() / 16;
-        let fits = |one: &compression::Saved| {
-            self.settings.is_compressed() && one.fits(&self.settings, texels)
+        let fits = |compressed: &compression::Saved| {
+            self.settings.is_compressed() && compressed.fits(&self.settings, texels)
         };
         if !saved.compressed.as_ref().is_none_or(fits) {
             return Err("other clusters".into());
@@ -211,7 +213,8 @@ impl LitTexels {
         let is_compressed = saved.compressed.is_some();
         self.transfer.resume(gpu, &saved.transfer, is_compressed)?;
         let compressed = saved.compressed.as_ref();
-        let compressed = compressed.map(|one| Compressed::new(gpu, &self.settings, one));
+        let compressed =
+            compressed.map(|compressed| Compressed::new(gpu, &self.settings, compressed));
         self.compressed = compressed.transpose().map_err(text)?;
         self.compression = None;
         if saved.transfer.bounces > 0 {

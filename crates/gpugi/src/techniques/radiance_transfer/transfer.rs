@@ -314,7 +314,9 @@ impl Transfer {
         }
         let glossy = self.glossy.as_ref();
         let glossy = glossy.filter(|_| self.has_matrices(saved.bounces, saved.tiles));
-        if !glossy.map_or(saved.matrices.is_empty(), |one| one.fits(&saved.matrices)) {
+        if !glossy.map_or(saved.matrices.is_empty(), |glossy| {
+            glossy.fits(&saved.matrices)
+        }) {
             return Err("other matrices".into());
         }
         if !saved

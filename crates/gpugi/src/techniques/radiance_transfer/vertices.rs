@@ -101,7 +101,7 @@ impl Table {
             }
             let shape = world_from_mesh.to_cols_array().map(f32::to_bits);
             let (first_word, subdivision) = match known.entry((instance.mesh, shape)) {
-                Entry::Occupied(one) => one.into_mut(),
+                Entry::Occupied(entry) => entry.into_mut(),
                 Entry::Vacant(none) => {
                     let mesh = &scene.meshes[instance.mesh];
                     let made = Subdivision::new(mesh, world_from_mesh, longest, most)?;

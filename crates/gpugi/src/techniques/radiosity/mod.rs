@@ -306,7 +306,7 @@ impl LitTexels {
         }
         // Dropped iterates do not count.
         let [before, counted] =
-            [before, self.solution.iterates].map(|one| one.saturating_sub(burn_in));
+            [before, self.solution.iterates].map(|count| count.saturating_sub(burn_in));
         if counted > before {
             self.solution.average(frame, &self.kernels)?;
             self.is_averaged = true;

@@ -219,7 +219,7 @@ fn rays_aimed_at_bright_texels_find_them() {
     let total: f32 = exact.iter().map(|texel| texel.1 * texel.2 * texel.2).sum();
     let error = |aimed| {
         let found = of(&[("rays", "4"), ("light-sampled-rays", aimed)], 0);
-        let off = |(one, other): (&Texel, &Texel)| one.1 * (one.2 - other.2).powi(2);
+        let off = |(texel, other): (&Texel, &Texel)| texel.1 * (texel.2 - other.2).powi(2);
         found.iter().zip(&exact).map(off).sum::<f32>() / total
     };
     let [without, aimed] = [error("0"), error("1")];
@@ -273,8 +273,8 @@ fn pieces_make_no_difference_and_pages_hold_the_same_light() {
     let lit = texels(&gpu, &scene, &settings, 0, 128 * 128);
     let areas = |of: &[Texel]| {
         of.iter()
-            .filter(|one| one.2 > 0.0)
-            .map(|one| one.1)
+            .filter(|texel| texel.2 > 0.0)
+            .map(|texel| texel.1)
             .sum::<f32>()
     };
     assert!((areas(&lit) / areas(&texels(&gpu, &room(), RAYS, 0, u32::MAX)) - 1.0).abs() < 0.01);

@@ -7,7 +7,7 @@ use crate::techniques::{Occasion, Values};
 pub fn settings(occasion: &Occasion<'_>) -> Values {
     let mut settings = vec![("objects", "*".to_owned())];
     let mut materials = occasion.scene.materials.iter();
-    if materials.any(|one| one.transmission > 0.0) {
+    if materials.any(|material| material.transmission > 0.0) {
         // Both what glass reflects and what it refracts, at its front and back: pictures of few samples have no grain.
         settings.push(("split", 2.to_string()));
     }

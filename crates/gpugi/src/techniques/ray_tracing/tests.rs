@@ -332,7 +332,7 @@ fn figures<const N: usize>(renderer: &mut Renderer, names: [&str; N]) -> [f64; N
     let all = renderer.figures().unwrap();
     names.map(|name| {
         let name = format!("{}.{name}", INFO.name);
-        all.iter().find(|one| one.name == name).unwrap().value
+        all.iter().find(|figure| figure.name == name).unwrap().value
     })
 }
 

@@ -138,7 +138,7 @@ impl Settings {
     fn gather(&self, shadows: &Shadows, emitters: &[Emitter]) -> GatherSettings {
         let (first, count) = (shadows.first_of_area(), shadows.light_count());
         let shared = (count - first) as usize;
-        let lights = || emitters.chunk_by(|one, next| one.instance == next.instance);
+        let lights = || emitters.chunk_by(|emitter, next| emitter.instance == next.instance);
         let is_shared = self.interleaved
             && shared.is_multiple_of(4)
             && shared >= SHARED_PER_LIGHT * lights().count();

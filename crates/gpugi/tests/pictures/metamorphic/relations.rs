@@ -70,8 +70,10 @@ pub const RELATIONS: [(&str, Relation); 25] = [
     ("mirrored", mirrored),
     ("transforms in vertices", |scene| {
         let all = scene.instances.iter();
-        let is_trivial = all.clone().all(|one| one.world_from_mesh == Mat4::IDENTITY);
-        (!is_trivial).then(|| remade(scene, |one| one.world_from_mesh))
+        let is_trivial = all
+            .clone()
+            .all(|instance| instance.world_from_mesh == Mat4::IDENTITY);
+        (!is_trivial).then(|| remade(scene, |instance| instance.world_from_mesh))
     }),
     ("meshes in centimetres", |scene| {
         Some(remade(scene, |_| Mat4::from_scale(Vec3::splat(100.0))))
@@ -116,8 +118,16 @@ pub const RELATIONS: [(&str, Relation); 25] = [
 /// transforms stay rigid.
 fn carried(scene: &Scene, world_from_before: Mat4, local: Mat4) -> Changed {
     let mut scene = scene.clone();
-    let frames = (scene.cameras.iter_mut().map(|one| &mut one.world_from_view))
-        .chain(scene.lights.iter_mut().map(|one| &mut one.world_from_light));
+    let frames = (scene
+        .cameras
+        .iter_mut()
+        .map(|camera| &mut camera.world_from_view))
+    .chain(
+        scene
+            .lights
+            .iter_mut()
+            .map(|light| &mut light.world_from_light),
+    );
     for frame in frames {
         *frame = world_from_before * *frame * local;
     }
@@ -132,7 +142,7 @@ fn carried(scene: &Scene, world_from_before: Mat4, local: Mat4) -> Changed {
 
 /// Radiance stays if the power of lights grows with areas.
 fn scaled(scene: &Scene, scale: f32) -> Option<Changed> {
-    let [matrix, local] = [scale, 1.0 / scale].map(|one| Mat4::from_scale(Vec3::splat(one)));
+    let [matrix, local] = [scale, 1.0 / scale].map(|factor| Mat4::from_scale(Vec3::splat(factor)));
     let mut changed = carried(scene, matrix, local);
     for camera in &mut changed.scene.cameras {
         if let Projection::Orthographic { height } = &mut camera.projection {
@@ -286,7 +296,7 @@ fn is_solid(material: &Material) -> bool {
 fn doubled(scene: &Scene) -> Option<Changed> {
     let mut changed = scene.clone();
     let mut twins = scene.instances.clone();
-    twins.retain(|one| is_solid(&scene.materials[one.material]));
+    twins.retain(|twin| is_solid(&scene.materials[twin.material]));
     changed.instances.extend(twins);
     Some(Changed::with_more(changed, scene))
 }

@@ -105,7 +105,7 @@ impl Picture {
         let mut renderer = renderer.expect("a renderer");
         let uses = |technique: &str, renderer: &Renderer| {
             let mut techniques = renderer.techniques().iter();
-            techniques.any(|one| one.info().name == technique)
+            techniques.any(|known| known.info().name == technique)
         };
         for [technique, name, value] in QUICK {
             if uses(technique, &renderer) {
@@ -201,7 +201,10 @@ impl Way for Baked {
             for (name, value) in &choice.settings {
                 bake.set(choice.technique, name, value).expect("a setting");
             }
-            for [_, name, value] in QUICK.iter().filter(|one| one[0] == choice.technique) {
+            for [_, name, value] in QUICK
+                .iter()
+                .filter(|setting| setting[0] == choice.technique)
+            {
                 bake.set(choice.technique, name, value).expect("a setting");
             }
         }

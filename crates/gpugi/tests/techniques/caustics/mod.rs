@@ -126,12 +126,13 @@ fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
         sample.expect("a picture");
     }
     let radiance = rays.radiance().expect("radiance");
-    [&found.radiance, &radiance, &found.truth.radiance].map(|one| on_the_floor(&maps, one))
+    [&found.radiance, &radiance, &found.truth.radiance]
+        .map(|radiance| on_the_floor(&maps, radiance))
 }
 
 /// The share of the truth's flux, and the relative error of the squares.
 fn compared(test: &[f64], truth: &[f64]) -> [f64; 2] {
-    let [all, all_truth] = [test, truth].map(|one| one.iter().sum::<f64>());
+    let [all, all_truth] = [test, truth].map(|values| values.iter().sum::<f64>());
     let mean = all_truth / truth.len() as f64;
     let squares = test.iter().zip(truth);
     let error = squares
@@ -266,7 +267,8 @@ fn caustics_are_seen_through_glass() {
                 .expect("a picture");
         }
         let radiance = this.radiance().expect("radiance");
-        let [test, truth] = [&radiance, &truth.truth.radiance].map(|one| blurred(one, 48));
+        let [test, truth] =
+            [&radiance, &truth.truth.radiance].map(|radiance| blurred(radiance, 48));
         let squares = test.iter().zip(&truth);
         squares
             .map(|(a, b)| (a - b).powi(2) / (b * b + 0.01))
@@ -296,7 +298,7 @@ fn what_glass_shows_of_caustics_is_declared_and_follows_them() {
             .wait()
             .expect("times")
             .iter()
-            .any(|one| one.pass == pass)
+            .any(|timing| timing.pass == pass)
     };
     if !made("caustics.splat") {
         eprintln!("skipped: no timestamps");

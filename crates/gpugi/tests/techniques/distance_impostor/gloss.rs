@@ -27,7 +27,10 @@ fn rough_metal_balls_reflect_the_room() {
     let Some(gpu) = gpu() else { return };
     for roughness in [0.1, 0.3, 0.6] {
         let mut scene = builtin("room", 1).expect("a room");
-        let ball = scene.instances.iter().position(|one| one.name == "sphere");
+        let ball = scene
+            .instances
+            .iter()
+            .position(|instance| instance.name == "sphere");
         let ball = ball.expect("a ball");
         let material = scene.instances[ball].material;
         scene.materials[material] = metal(roughness);
@@ -76,7 +79,7 @@ fn a_glossy_floor_reflects_what_stands_on_it() {
     let mut kept = renderer(&gpu, &scene, &all);
     let [before, after] = [&camera, &other].map(|camera| picture(&mut kept, camera).radiance);
     let fresh = picture(&mut renderer(&gpu, &scene, &all), &other).radiance;
-    let [far, near] = [before, fresh].map(|one| rel_mse(&after, &one));
+    let [far, near] = [before, fresh].map(|radiance| rel_mse(&after, &radiance));
     assert!(near < 1e-9 && far > 0.01, "{near}, {far}");
 }
 
@@ -172,9 +175,9 @@ fn many_objects_share_cubes() {
     let mut scene = room();
     let first = scene.instances.len();
     let ball = scene.add_mesh(sphere(0.1, 12));
-    let materials = [mirror(), metal(0.4), glass(1.5)].map(|one| scene.add_material(one));
+    let materials = [mirror(), metal(0.4), glass(1.5)].map(|material| scene.add_material(material));
     for number in 0..60 {
-        let [x, y] = [number % 10, number / 10].map(|one| one as f32 * 0.3);
+        let [x, y] = [number % 10, number / 10].map(|step| step as f32 * 0.3);
         let at = Mat4::from_translation(vec3(x - 1.35, y - 0.75, -0.5));
         scene.add_instance("ball", ball, materials[number % 3], at);
     }

@@ -34,7 +34,9 @@ fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
     let classical = renderer.radiance().expect("radiance");
     let seen = picture(&mut renderer, camera);
     let is_own: Vec<bool> = (seen.points.iter())
-        .map(|point| point.is_some_and(|one| scene.instances[one.instance as usize].name == name))
+        .map(|point| {
+            point.is_some_and(|point| scene.instances[point.instance as usize].name == name)
+        })
         .collect();
     assert!(
         is_own.iter().filter(|own| **own).count() > 300,
@@ -48,7 +50,7 @@ fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, name: &str) -> [f64; 2] {
             .collect()
     };
     let truth = own(&found.truth.radiance);
-    [&found.radiance, &classical].map(|one| rel_mse(&own(one), &truth))
+    [&found.radiance, &classical].map(|radiance| rel_mse(&own(radiance), &truth))
 }
 
 /// The tutorial's figure 34: the box hides part of the room from the ball's centre.

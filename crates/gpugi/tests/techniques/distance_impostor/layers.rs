@@ -45,7 +45,10 @@ fn shares(scene: &Scene, settings: &[(&str, &str)]) -> Option<[f64; 5]> {
         .set("distance-impostor", "show", "certainty")
         .expect("a setting");
     let found = picture(&mut renderer, &toward(BALL));
-    let ball = scene.instances.iter().position(|one| one.name == "ball")?;
+    let ball = scene
+        .instances
+        .iter()
+        .position(|instance| instance.name == "ball")?;
     let colors = [
         vec3(0.1, 0.6, 0.1),
         vec3(0.8, 0.7, 0.05),
@@ -89,7 +92,7 @@ fn hits_that_are_not_seen_are_reported() {
         "of {unseen} unseen, {second} in the second layer, {left} are left"
     );
     let mut open = alone;
-    open.instances.retain(|one| one.name == "ball");
+    open.instances.retain(|instance| instance.name == "ball");
     let Some(leaving) = shares(&open, &[]) else {
         return;
     };
@@ -109,7 +112,10 @@ fn hits_through_glass_are_reported() {
     };
     let mirrored = scene.materials.len();
     scene.materials.push(mirror());
-    let ball = scene.instances.iter_mut().find(|one| one.name == "ball");
+    let ball = scene
+        .instances
+        .iter_mut()
+        .find(|instance| instance.name == "ball");
     ball.expect("a ball").material = mirrored;
     let Some(reflected) = shares(&scene, &[reference]) else {
         return;

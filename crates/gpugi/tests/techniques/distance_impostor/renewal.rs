@@ -97,7 +97,7 @@ fn faces_in_turn_end_in_the_same_picture() {
         scene.instances[block].world_from_mesh = Mat4::from_translation(vec3(0.6, -0.5, 1.0));
         scene.lights[0].intensity *= 0.7;
         let fresh = picture(&mut renderer(&gpu, &scene, &[layers]), &camera());
-        let off = |one: &Picture| rel_mse(&one.radiance, &fresh.radiance);
+        let off = |picture: &Picture| rel_mse(&picture.radiance, &fresh.radiance);
         let mut found = after(&mut in_turn, &scene);
         let [start, first] = [&before, &found].map(off);
         // All turns twice, because the mirrors show each other.
@@ -144,7 +144,7 @@ fn faces_in_turn_are_lit_by_all_techniques() {
     }
     scene.environment = Some(sky(0.3));
     let expected = after(&mut at_once, &scene);
-    let off = |one: &Picture| rel_mse(&one.radiance, &expected.radiance);
+    let off = |picture: &Picture| rel_mse(&picture.radiance, &expected.radiance);
     let first = off(&after(&mut in_turn, &scene));
     let end = off(&picture(&mut in_turn, &camera()));
     println!("after the first turn rel-mse {first:.1e}, at last {end:.1e}");

@@ -173,7 +173,7 @@ pub fn errors(gpu: &Gpu, scene: &Scene, camera: &Camera, settings: &[(&str, &str
     off.render_sample(camera, 1, None, false)
         .expect("a picture");
     let off = off.radiance().expect("radiance");
-    [&found.radiance, &off].map(|one| rel_mse(one, &found.truth.radiance))
+    [&found.radiance, &off].map(|radiance| rel_mse(radiance, &found.truth.radiance))
 }
 
 /// rel-mse of several settings, each applied on top of the previous ones, against the truth of the first.

@@ -106,7 +106,7 @@ fn a_solid_is_entered_and_left() {
     // A point unaffected by the missing triangle at the lower pole, seen through the middle, where reflection is weak.
     let middle = found.points.len() / 2 + 16;
     let [closed, single] =
-        [&found, &single].map(|one| one.points[middle].expect("the ball").radiance.y);
+        [&found, &single].map(|picture| picture.points[middle].expect("the ball").radiance.y);
     let ratio = closed / single;
     assert!((2.0..2.25).contains(&ratio), "{ratio}");
 }

@@ -271,11 +271,11 @@ fn objects_get_their_light_from_one_technique() {
         let shadows = show(&["image-based-lighting"], None, reflectivity);
         let maps = show(&["environment-map"], None, reflectivity);
         let mut counts = [0; 2];
-        for ((one, shadowed), unshadowed) in shared.lit().zip(shadows.lit()).zip(maps.lit()) {
-            let expected = [unshadowed, shadowed][one.instance as usize];
-            counts[one.instance as usize] += 1;
-            let away = (one.radiance - expected.radiance).abs().max_element();
-            assert!(away < 1e-5, "{reflectivity}, {}: {away}", one.instance);
+        for ((point, shadowed), unshadowed) in shared.lit().zip(shadows.lit()).zip(maps.lit()) {
+            let expected = [unshadowed, shadowed][point.instance as usize];
+            counts[point.instance as usize] += 1;
+            let away = (point.radiance - expected.radiance).abs().max_element();
+            assert!(away < 1e-5, "{reflectivity}, {}: {away}", point.instance);
         }
         assert!(counts.iter().all(|&count| count > 100), "{counts:?}");
     }

@@ -91,7 +91,8 @@ fn open_surfaces_keep_their_light() {
         .expect("maps");
     let open = picture(&mut open, &super::camera());
     let pairs = open.lit().zip(plain.lit());
-    let away = pairs.map(|(one, other)| (one.radiance / other.radiance - 1.0).abs().max_element());
+    let away =
+        pairs.map(|(point, other)| (point.radiance / other.radiance - 1.0).abs().max_element());
     let worst = away.fold(0.0, f32::max);
     println!("at most {worst:.3} apart");
     assert!(worst < 0.005, "{worst}");
@@ -108,8 +109,8 @@ fn hidden_light_is_declared_and_added_once() {
 
     let paths = |renderer: &Renderer| -> Vec<String> {
         let paths = renderer.light_paths().into_iter();
-        let paths = paths.filter(|one| one.class == LightClass::Environment);
-        paths.map(|one| one.pattern.to_string()).collect()
+        let paths = paths.filter(|paths| paths.class == LightClass::Environment);
+        paths.map(|paths| paths.pattern.to_string()).collect()
     };
     assert_eq!(paths(&hidden(&gpu, &scene, 8, "1")), ["L[DGS]E"]);
     // Beside shadows of the sky, mirrors alone are left.

@@ -74,7 +74,7 @@ fn odd_scenes_are_black() {
             let places = format!("reference-points={places}");
             let found = at_probes(&gpu, &scene, &NAMES, &[&places], &probes, Output::Fluence);
             assert!(
-                found.iter().all(|one| *one == Vec3::ZERO),
+                found.iter().all(|fluence| *fluence == Vec3::ZERO),
                 "{}: {found:?}",
                 scene.name
             );
@@ -239,7 +239,9 @@ fn many_objects_are_no_trouble() {
     rendered.expect("a picture");
     let warnings = renderer.warnings();
     assert!(
-        warnings.iter().any(|one| one.contains("32 largest of 40")),
+        warnings
+            .iter()
+            .any(|warning| warning.contains("32 largest of 40")),
         "{warnings:?}"
     );
 

@@ -23,7 +23,7 @@ fn points(side: f32) -> Vec<Probe> {
 }
 
 fn mean(of: &[Vec3]) -> f32 {
-    of.iter().map(|one| one.x).sum::<f32>() / of.len() as f32
+    of.iter().map(|irradiance| irradiance.x).sum::<f32>() / of.len() as f32
 }
 
 #[test]
@@ -43,7 +43,10 @@ fn a_thin_wall_lets_no_light_through() {
                 let found = at_probes(&gpu, &scene, &names, &settings, &all, Output::Irradiance);
                 let indirect: Vec<Vec3> = found.iter().zip(direct).map(|(a, b)| *a - b).collect();
                 let (lit, dark) = indirect.split_at(indirect.len() / 2);
-                let brightest = dark.iter().map(|one| one.x).fold(0.0, f32::max);
+                let brightest = dark
+                    .iter()
+                    .map(|irradiance| irradiance.x)
+                    .fold(0.0, f32::max);
                 (mean(dark) / mean(lit), brightest / mean(lit))
             };
             let (without, _) = leak("visibility=none");

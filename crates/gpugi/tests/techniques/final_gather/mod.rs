@@ -78,7 +78,7 @@ fn at_probes(
     let sums = read_buffer::<[f32; 4]>(gpu, &target.radiance, u64::from(count) * 16);
     let sums = sums.expect("sums").into_iter();
     let found: Vec<Vec3> = sums.map(|[r, g, b, _]| vec3(r, g, b)).collect();
-    assert!(found.iter().all(|one| one.is_finite()), "{found:?}");
+    assert!(found.iter().all(|value| value.is_finite()), "{found:?}");
     found
 }
 
@@ -126,7 +126,7 @@ trait Off {
 
 impl Off for Vec<Vec3> {
     fn map_off(&self, expected: f32) -> Vec<f32> {
-        self.iter().map(|one| one.x / expected - 1.0).collect()
+        self.iter().map(|value| value.x / expected - 1.0).collect()
     }
 }
 
@@ -218,7 +218,7 @@ fn a_bright_wall_has_the_form_factor_of_a_rectangle() {
             println!("{estimate}, M = {size}: {off:.3?}");
             // Classical environment mapping shows every place what the reference point sees. Far from that point it is
             // at least five times worse.
-            let classical = expected.map(|one| (expected[0] / one - 1.0).abs());
+            let classical = expected.map(|factor| (expected[0] / factor - 1.0).abs());
             if estimate == "oriented" && size >= 8 {
                 println!("classical: {classical:.3?}");
                 for place in [1, 3] {
@@ -300,7 +300,7 @@ fn cells_have_no_seams() {
             &walk,
             Output::Irradiance,
         );
-        let mean = indirect.iter().map(|one| one.x).sum::<f32>() / count as f32;
+        let mean = indirect.iter().map(|irradiance| irradiance.x).sum::<f32>() / count as f32;
         let steps = indirect
             .windows(2)
             .map(|two| (two[1].x - two[0].x).abs() / mean);

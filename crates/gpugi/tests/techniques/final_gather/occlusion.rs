@@ -44,7 +44,7 @@ fn obscurances_darken_corners() {
         // Distances from the six walls; one of them is the point's own.
         let (low, high) = (vec3(-1.0, 0.0, -1.5), vec3(1.0, 1.5, 1.5));
         let mut walls = [with.position - low, high - with.position]
-            .map(|one| one.to_array())
+            .map(|distances| distances.to_array())
             .concat();
         walls.sort_by(f32::total_cmp);
         assert!((0.0..1.001).contains(&share.x), "{with:?}: {share}");

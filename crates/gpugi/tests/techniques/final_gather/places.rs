@@ -31,7 +31,7 @@ fn of_ball(scene: &Scene, radiance: &[f32], truth: &[f32], renderer: &Renderer, 
     let is_ball = |index: usize| {
         points[index]
             .as_ref()
-            .is_some_and(|one| one.instance == ball)
+            .is_some_and(|point| point.instance == ball)
     };
     let (mut sum, mut count) = (0.0, 0.0);
     for index in width + 1..width * (width - 1) - 1 {

@@ -169,7 +169,7 @@ fn changed_lights_capture_nothing_again() {
             let timings = renderer.render_sample(&camera, 1, None, true);
             let timings = timings.expect("a picture").wait().expect("times");
             let is_capture = |pass: &&str| *pass == "capture.hits";
-            let passes = timings.iter().map(|one| one.pass.as_str());
+            let passes = timings.iter().map(|timing| timing.pass.as_str());
             count += passes.filter(is_capture).count() - 1;
         }
         (count, renderer.radiance().expect("radiance"))

@@ -73,7 +73,7 @@ fn harmonics_hold_the_irradiance() {
         );
         let rest = &coefficients[1..];
         assert!(
-            rest.iter().all(|one| one.length() < 0.02),
+            rest.iter().all(|coefficient| coefficient.length() < 0.02),
             "{coefficients:?}"
         );
         let found = volume.irradiance_at(voxel, vec3(1.0, -2.0, 0.5).normalize());

@@ -129,8 +129,9 @@ fn paths_over_other_surfaces_are_declared_where_there_are_any() {
             settings,
         );
         let paths = renderer.light_paths();
-        let is_indirect =
-            |one: &&LightPaths| one.class == LightClass::Punctual && one.pattern.starts_with("LD");
+        let is_indirect = |paths: &&LightPaths| {
+            paths.class == LightClass::Punctual && paths.pattern.starts_with("LD")
+        };
         let found = paths.iter().find(is_indirect).expect("paths");
         found.pattern.to_string()
     };

@@ -82,7 +82,7 @@ fn against_the_path_tracer(
     picture(renderer, camera, 4);
     renderer.restart();
     let found = measured(gpu, scene, camera, renderer, [8, 256]);
-    let sum = |of: &[f32]| of.iter().map(|&one| f64::from(one)).sum::<f64>();
+    let sum = |of: &[f32]| of.iter().map(|&value| f64::from(value)).sum::<f64>();
     let ratio = sum(&found.radiance) / sum(&found.truth.radiance);
     (rel_mse(&found), ratio)
 }

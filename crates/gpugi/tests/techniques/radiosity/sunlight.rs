@@ -52,7 +52,7 @@ fn the_sun_does_not_shine_into_a_closed_room_behind_the_camera() {
         let top = |vertex: u32| mesh.positions[vertex as usize].y > 2.4;
         let kept = all
             .chunks_exact(3)
-            .filter(|one| !one.iter().all(|&vertex| top(vertex)));
+            .filter(|triangle| !triangle.iter().all(|&vertex| top(vertex)));
         Arc::make_mut(mesh).indices = kept.flatten().copied().collect();
     }
     renderer.update(&open).expect("an update");

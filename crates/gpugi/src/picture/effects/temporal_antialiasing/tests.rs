@@ -93,7 +93,7 @@ fn images_in_mirrors_stay_near_one_sample() {
     let ball = scene
         .instances
         .iter()
-        .position(|one| one.name.as_str() == "sphere");
+        .position(|instance| instance.name.as_str() == "sphere");
     let center = scene.instances[ball.unwrap()]
         .world_from_mesh
         .w_axis
@@ -141,7 +141,7 @@ fn light_that_is_switched_off_does_not_linger() {
     let scene = builtin("room", 1).unwrap();
     let camera = &scene.cameras[0];
     let mut renderer = renderer(&gpu, &scene);
-    let mean = |pixels: &[u8]| pixels.iter().map(|&one| f64::from(one)).sum::<f64>();
+    let mean = |pixels: &[u8]| pixels.iter().map(|&byte| f64::from(byte)).sum::<f64>();
     for _ in 0..16 {
         frame(&mut renderer, camera, &live());
     }
@@ -162,7 +162,7 @@ fn what_moves_leaves_little_trail() {
     let scene = builtin("room", 1).unwrap();
     let mut instances = scene.instances.iter();
     let index = instances
-        .position(|one| one.name.as_str() == "box")
+        .position(|instance| instance.name.as_str() == "box")
         .unwrap();
     let camera = &scene.cameras[0];
     let mut renderer = renderer(&gpu, &scene);
@@ -197,13 +197,13 @@ fn blinding_lamps_stay_white() {
     let effects = Effects::of_live_view().exposed(-16.0).without_dither();
     let pixels = moved(&mut renderer, &scene, &effects);
     let truth = rested(&mut renderer, &scene.cameras[0], 8, &still().exposed(-16.0));
-    let lamp = |pixels: &[u8]| pixels.chunks(4).filter(|one| one[0] > 200).count();
+    let lamp = |pixels: &[u8]| pixels.chunks(4).filter(|pixel| pixel[0] > 200).count();
     let [found, expected] = [&pixels, &truth].map(|pixels| lamp(pixels));
     assert!(
         expected > 50 && found.abs_diff(expected) < expected / 5,
         "{found} of {expected}"
     );
-    let lit = |pixels: &[u8]| pixels.chunks(4).filter(|one| one[0] > 0).count();
+    let lit = |pixels: &[u8]| pixels.chunks(4).filter(|pixel| pixel[0] > 0).count();
     let [found, expected] = [&pixels, &truth].map(|pixels| lit(pixels));
     assert!(
         found.abs_diff(expected) < expected / 20,

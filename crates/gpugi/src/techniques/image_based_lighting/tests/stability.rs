@@ -65,7 +65,10 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
         }
         let picture = sight.frame(gpu, &mut scene, &mut technique);
         let directions = super::directions(gpu, &mut technique, &scene);
-        let samples = directions.iter().map(|one| one.toward.into()).collect();
+        let samples = directions
+            .iter()
+            .map(|direction| direction.toward.into())
+            .collect();
         (samples, picture)
     };
     (0..FRAMES).map(&mut seen).collect()

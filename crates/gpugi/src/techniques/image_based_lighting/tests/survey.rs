@@ -80,8 +80,8 @@ impl ImageBasedLighting {
 fn drawn(draws: &Draws) -> (f32, f32) {
     let of_samples = (0..64).flat_map(|turn| draws.of_sample(turn));
     let all: Vec<_> = of_samples.collect();
-    let before = all.iter().filter(|one| one.toward.x < -0.1).count();
-    let light: f32 = all.iter().map(|one| one.flux_density.x).sum();
+    let before = all.iter().filter(|domain| domain.toward.x < -0.1).count();
+    let light: f32 = all.iter().map(|domain| domain.flux_density.x).sum();
     (before as f32 / all.len() as f32, light / 64.0)
 }
 

@@ -53,7 +53,7 @@ fn who_asks_for_ambient_light_in_the_open_is_warned() {
         let warnings = renderer.warnings();
         assert_eq!(warnings.len(), usize::from(is_open), "{warnings:?}");
         assert!(
-            warnings.iter().all(|one| one.contains("100 %")),
+            warnings.iter().all(|warning| warning.contains("100 %")),
             "{warnings:?}"
         );
     }
@@ -138,7 +138,7 @@ fn scenes_without_surfaces_or_light_have_no_ambient_light() {
     for scene in [Scene::new("empty"), black, white, behind] {
         let settings = [&[("ambient", "colored")][..], &SETTINGS].concat();
         let all = radiance(&gpu, &scene, &["shadow-map", "obscurances"], &settings).unwrap();
-        assert!(all.iter().all(|&one| one == 0.0), "{all:?}");
+        assert!(all.iter().all(|&value| value == 0.0), "{all:?}");
     }
 }
 

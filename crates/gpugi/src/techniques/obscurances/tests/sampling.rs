@@ -96,13 +96,13 @@ fn rays_and_peeling_agree() {
     let [rays, peeled] = [rays, peeled].map(|all| -> Vec<Found> {
         let inner = all
             .into_iter()
-            .filter(|one| to_edge(&faces, one.position) > 0.1);
+            .filter(|texel| to_edge(&faces, texel.position) > 0.1);
         inner.collect()
     });
     assert!(rays.len() > 400, "{}", rays.len());
     let (plain, colored) = difference(&rays, &peeled);
     println!("rays and peeling: {plain:.4}, colours {colored:.4}");
-    let mean = |all: &[Found]| all.iter().map(|one| one.plain).sum::<f64>() / all.len() as f64;
+    let mean = |all: &[Found]| all.iter().map(|texel| texel.plain).sum::<f64>() / all.len() as f64;
     println!("means {:.4} {:.4}", mean(&rays), mean(&peeled));
     assert!(plain < 0.02 && colored < 0.02, "{plain}, {colored}");
     assert!((mean(&rays) - mean(&peeled)).abs() < 0.006);
@@ -126,7 +126,7 @@ fn rays_and_peeling_agree_at_every_texel_of_what_floats() {
         };
         found(&gpu, &scene, 64, &settings)
     });
-    let mean = rays.iter().map(|one| one.area).sum::<f64>() / rays.len() as f64;
+    let mean = rays.iter().map(|texel| texel.area).sum::<f64>() / rays.len() as f64;
     let mut noises = Vec::new();
     let mut differences = Vec::new();
     for (by_rays, by_peeling) in rays.iter().zip(&peeled) {
@@ -172,8 +172,8 @@ fn surfaces_on_each_other_are_neither_lost_nor_met_twice() {
         found(&gpu, &sheets(count), 64, &settings)
     };
     let mean = |all: &[Found], instance: u32| {
-        let some = all.iter().filter(|one| one.instance == instance);
-        let some: Vec<_> = some.map(|one| one.plain).collect();
+        let some = all.iter().filter(|texel| texel.instance == instance);
+        let some: Vec<_> = some.map(|texel| texel.plain).collect();
         some.iter().sum::<f64>() / some.len() as f64
     };
     let (one, three) = (of(1), of(3));
@@ -325,8 +325,8 @@ fn light_passes_glass_and_leaves_gaps_open() {
             ..settings(mode, 10.0, Falloff::Step)
         };
         let all = found(&gpu, &scene, 32, &settings);
-        let floor: Vec<_> = all.iter().filter(|one| one.instance == 0).collect();
-        floor.iter().map(|one| one.plain).sum::<f64>() / floor.len() as f64
+        let floor: Vec<_> = all.iter().filter(|texel| texel.instance == 0).collect();
+        floor.iter().map(|texel| texel.plain).sum::<f64>() / floor.len() as f64
     };
     for mode in [Mode::Rays, Mode::Peeling] {
         let opaque = of(mode, |_| {});

@@ -89,25 +89,25 @@ fn before_wall(x: f64, falloff: Falloff) -> (f64, f64) {
 pub fn check_floor_and_wall(all: &[Found], falloff: Falloff, most: f64) {
     let areas = [24.0, 12.0];
     let mean = (FLOOR.as_dvec3() * areas[0] + WALL.as_dvec3() * areas[1]) / (areas[0] + areas[1]);
-    let floor = all.iter().filter(|one| one.instance == 0);
+    let floor = all.iter().filter(|texel| texel.instance == 0);
     // The wall ends at z = 3: closer to its end it does not count as endless.
-    let floor: Vec<_> = floor.filter(|one| one.position.z.abs() < 1.9).collect();
+    let floor: Vec<_> = floor.filter(|texel| texel.position.z.abs() < 1.9).collect();
     assert!(floor.len() > 100, "{}", floor.len());
-    let known = |one: &Found| {
-        let (met, rho) = before_wall(one.position.x, falloff);
+    let known = |texel: &Found| {
+        let (met, rho) = before_wall(texel.position.x, falloff);
         (1.0 - met + rho, WALL.as_dvec3() * rho + mean * (1.0 - met))
     };
-    let plain = rms(floor.iter().map(|one| one.plain - known(one).0));
+    let plain = rms(floor.iter().map(|texel| texel.plain - known(texel).0));
     let colored = rms(floor
         .iter()
-        .map(|one| (one.colored - known(one).1).length()));
+        .map(|texel| (texel.colored - known(texel).1).length()));
     println!("{falloff:?}: RMSE {plain:.4}, colours {colored:.4}");
     assert!(
         plain < most && colored < most,
         "{falloff:?}: {plain}, {colored}"
     );
     // The mean error shows bias.
-    let bias: f64 = floor.iter().map(|one| one.plain - known(one).0).sum();
+    let bias: f64 = floor.iter().map(|texel| texel.plain - known(texel).0).sum();
     let bias = bias / floor.len() as f64;
     assert!(bias.abs() < most / 5.0, "{falloff:?}: bias {bias}");
 }
@@ -137,11 +137,11 @@ pub fn hollow_sphere(radius: f32, segments: u32) -> Mesh {
 /// Inside a sphere, d = 2 r cos: W = int sqrt(2 r mu / d_max) 2 mu dmu = 4/5 sqrt(2 r / d_max).
 pub fn check_sphere(all: &[Found], albedo: DVec3, most: f64) {
     let known = 0.8 * (2.0_f64 / 2.5).sqrt();
-    let plain = rms(all.iter().map(|one| one.plain - known));
+    let plain = rms(all.iter().map(|texel| texel.plain - known));
     let colored = rms(all
         .iter()
-        .map(|one| (one.colored - albedo * known).length()));
-    let bias = all.iter().map(|one| one.plain - known).sum::<f64>() / all.len() as f64;
+        .map(|texel| (texel.colored - albedo * known).length()));
+    let bias = all.iter().map(|texel| texel.plain - known).sum::<f64>() / all.len() as f64;
     println!("sphere: RMSE {plain:.4}, colours {colored:.4}, bias {bias:.5}");
     assert!(plain < most && colored < most, "{plain}, {colored}");
 }
@@ -223,7 +223,7 @@ fn evaluated(faces: &[Face], mean: DVec3, reach: f64, at: &Found) -> (f64, DVec3
             let t = distance(face, at.position, direction)?;
             (t < reach).then_some((t, face.albedo))
         });
-        let nearest = hits.reduce(|one, other| if other.0 < one.0 { other } else { one });
+        let nearest = hits.reduce(|nearest, hit| if hit.0 < nearest.0 { hit } else { nearest });
         let (rho, albedo) = nearest.map_or((1.0, mean), |(t, albedo)| ((t / reach).sqrt(), albedo));
         sums.0 += rho;
         sums.1 += albedo * rho;
@@ -239,13 +239,13 @@ pub fn check_integral(scene: &Scene, all: &[Found], reach: f64, every: usize, mo
     let whole: f64 = faces.iter().map(area).sum();
     let mean: DVec3 = faces.iter().map(|face| face.albedo * area(face)).sum();
     let mean = mean / whole;
-    let errors = all.iter().step_by(every).map(|one| {
-        let (plain, colored) = evaluated(&faces, mean, reach, one);
-        (one.plain - plain, (one.colored - colored).length())
+    let errors = all.iter().step_by(every).map(|texel| {
+        let (plain, colored) = evaluated(&faces, mean, reach, texel);
+        (texel.plain - plain, (texel.colored - colored).length())
     });
     let errors: Vec<_> = errors.collect();
-    let plain = rms(errors.iter().map(|one| one.0));
-    let colored = rms(errors.iter().map(|one| one.1));
+    let plain = rms(errors.iter().map(|error| error.0));
+    let colored = rms(errors.iter().map(|error| error.1));
     println!(
         "{} points: RMSE {plain:.4}, colours {colored:.4}",
         errors.len()
@@ -267,9 +267,12 @@ fn an_open_plane_receives_all_and_reflects_its_own_color() {
     let plane = |albedo| matt([(shapes::quad(Vec3::ZERO, Vec3::Z, Vec3::X, 1), albedo)]);
     for albedo in [Vec3::ONE, Vec3::new(0.25, 0.5, 0.75)] {
         let settings = settings(Mode::Rays, 100.0, Falloff::Sqrt);
-        for one in found(&gpu, &plane(albedo), 16, &settings) {
-            assert_eq!(one.plain, 1.0);
-            assert!(one.colored.distance(albedo.as_dvec3()) < 2e-3, "{one:?}");
+        for texel in found(&gpu, &plane(albedo), 16, &settings) {
+            assert_eq!(texel.plain, 1.0);
+            assert!(
+                texel.colored.distance(albedo.as_dvec3()) < 2e-3,
+                "{texel:?}"
+            );
         }
     }
 }
@@ -279,8 +282,8 @@ pub fn check_bleeding(all: &[Found]) {
     let mean = |near: fn(f64) -> bool| {
         let some = all
             .iter()
-            .filter(|one| one.instance == 0 && near(one.position.x));
-        let some: Vec<_> = some.map(|one| one.colored).collect();
+            .filter(|texel| texel.instance == 0 && near(texel.position.x));
+        let some: Vec<_> = some.map(|texel| texel.colored).collect();
         some.iter().sum::<DVec3>() / some.len() as f64
     };
     let (near, far) = (mean(|x| x < 0.3), mean(|x| x > 2.0));

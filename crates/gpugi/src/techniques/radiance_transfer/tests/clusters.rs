@@ -13,7 +13,7 @@ fn solved(gpu: &Gpu, scene: &Scene, settings: &[(&str, &str)]) -> Solver {
 fn error(found: &[(Point, Vec3)], truth: &[(Point, Vec3)]) -> f32 {
     let pairs = found.iter().zip(truth);
     let off: f32 = pairs.map(|(a, b)| (a.1 - b.1).length_squared()).sum();
-    let all: f32 = truth.iter().map(|one| one.1.length_squared()).sum();
+    let all: f32 = truth.iter().map(|texel| texel.1.length_squared()).sum();
     (off / all).sqrt()
 }
 
@@ -109,8 +109,8 @@ fn compressed_vectors_are_saved() {
     let mut rest = begun(&all);
     assert_eq!(rest.transfer.resume(&gpu, &bytes), Ok(true));
     assert!(rest.frame().progress >= 1.0);
-    let same = |one: &[(Point, Vec3)], other: &[(Point, Vec3)]| {
-        one.iter().map(|a| a.1).eq(other.iter().map(|b| b.1))
+    let same = |texels: &[(Point, Vec3)], other: &[(Point, Vec3)]| {
+        texels.iter().map(|a| a.1).eq(other.iter().map(|b| b.1))
     };
     assert!(same(&rest.texels(), &found));
     // Progress from before the compression gives the same clusters.

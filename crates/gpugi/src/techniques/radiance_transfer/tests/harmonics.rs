@@ -81,6 +81,10 @@ fn functions_are_orthonormal_and_begin_with_those_of_an_irradiance() {
     for row in values.chunks(ALL) {
         let (all, nine) = row.split_at(64);
         let pairs = all.iter().zip(nine);
-        assert!(pairs.clone().all(|(one, other)| (one - other).abs() < 1e-6));
+        assert!(
+            pairs
+                .clone()
+                .all(|(value, other)| (value - other).abs() < 1e-6)
+        );
     }
 }

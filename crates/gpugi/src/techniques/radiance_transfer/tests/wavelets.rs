@@ -121,8 +121,8 @@ fn turned_environments_are_projected_anew() {
     let found = solver.light();
     scene.environment = Some(sky(128, 21, colors));
     let expected = Solver::new(&gpu, &scene, &HAAR).solve().light();
-    let off = |one: &[Vec3], other: &[Vec3]| {
-        let pairs = one.iter().zip(other);
+    let off = |light: &[Vec3], other: &[Vec3]| {
+        let pairs = light.iter().zip(other);
         pairs.fold(0.0, |most, (a, b)| {
             f32::max(most, (*a - *b).abs().max_element())
         })

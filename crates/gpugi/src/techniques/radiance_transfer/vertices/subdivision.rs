@@ -163,7 +163,8 @@ mod tests {
         let at = |point: u32| {
             let on = made.points[point as usize].expect("a point");
             let triangle = order.indices.as_chunks::<3>().0[on.primitive as usize];
-            let [a, b, c] = triangle.map(|one| corners[order.vertices[one as usize] as usize]);
+            let [a, b, c] =
+                triangle.map(|vertex| corners[order.vertices[vertex as usize] as usize]);
             a + (b - a) * on.barycentrics.x + (c - a) * on.barycentrics.y
         };
         let leaves = made.nodes.iter().filter(|node| node[0] < BISECTED);
