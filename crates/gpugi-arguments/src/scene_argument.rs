@@ -282,7 +282,10 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> 
         let (key, value) = part.split_once('=').context("expected key=value")?;
         let key = key.trim();
         let is_known = KEYS.split([',', ' ']).any(|known| known == key);
-        anyhow::ensure!(is_known && key != "and", "there is no {key:?}; there are {KEYS}");
+        anyhow::ensure!(
+            is_known && key != "and",
+            "there is no {key:?}; there are {KEYS}"
+        );
         given.insert(key, value.trim());
     }
     let number = |key: &str, unit: &str| {
@@ -303,14 +306,23 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> 
         "fov must lie between 1 and 170 degrees"
     );
     let (mut camera, target) = if eye.is_none() && target.is_none() {
-        (camera_of_scene(scene, given.get("from").copied(), 1.0)?, None)
+        (
+            camera_of_scene(scene, given.get("from").copied(), 1.0)?,
+            None,
+        )
     } else {
-        anyhow::ensure!(!given.contains_key("from"), "give either from, or eye and target");
+        anyhow::ensure!(
+            !given.contains_key("from"),
+            "give either from, or eye and target"
+        );
         let framing = Camera::framing(&scene.bounds(), 1.0);
         let eye = eye.unwrap_or(framing.world_from_view.w_axis.truncate());
         let target = target.unwrap_or(scene.bounds().center());
         anyhow::ensure!(eye.distance(target) > 1e-9, "eye and target must differ");
-        (Camera::look_at("command line", eye, target, 35.0_f32.to_radians()), Some((eye, target)))
+        (
+            Camera::look_at("command line", eye, target, 35.0_f32.to_radians()),
+            Some((eye, target)),
+        )
     };
     if let Some(degrees) = degrees {
         camera.projection = Projection::Perspective {
@@ -329,7 +341,9 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> 
     let aperture = number("aperture", "a radius in metres")?.unwrap_or(camera.lens.aperture);
     let of_camera = (!camera.lens.is_pinhole()).then_some(camera.lens.focus);
     let of_target = target.map(|(eye, target)| eye.distance(target));
-    let focus = number("focus", "a distance in metres")?.or(of_target).or(of_camera);
+    let focus = number("focus", "a distance in metres")?
+        .or(of_target)
+        .or(of_camera);
     anyhow::ensure!(
         focus.is_some() || aperture <= 0.0,
         "an aperture needs focus=, the distance at which the camera sees sharply (m)"
@@ -342,7 +356,8 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> 
         None => camera.lens.blades,
     };
     camera.lens = Lens::new(aperture, focus.unwrap_or(1.0), blades)?;
-    camera.shutter = lens::shutter(number("shutter", "a number of seconds")?.unwrap_or(camera.shutter))?;
+    camera.shutter =
+        lens::shutter(number("shutter", "a number of seconds")?.unwrap_or(camera.shutter))?;
     Ok((camera, target.map(|(_, target)| target)))
 }
 
@@ -374,7 +389,10 @@ mod tests {
             ("eye=0,3,0;target=0,1,0;up=0,1,0", "aside"),
             ("eye=0,3,0;target=0,1,0;up=0,0,0", "aside"),
             ("eye=0,3,0;target=0,1,0;up=1,nan,0", "x,y,z"),
-            ("eye=0,3,0;down=0,1,0", "there are eye, target, up, fov, from,"),
+            (
+                "eye=0,3,0;down=0,1,0",
+                "there are eye, target, up, fov, from,",
+            ),
             ("eye=0,1,0;target=0,1,0", "differ"),
             ("eye=0,1,3;aperture=-1", "an aperture of -1 m"),
             ("eye=0,1,3;aperture=nan", "an aperture of NaN m"),
@@ -403,7 +421,10 @@ mod tests {
         assert_eq!(camera.world_from_view, scene.cameras[0].world_from_view);
         scene.cameras.push(camera);
         let last = format!("from={};aperture=0.2", scene.cameras.len() - 1);
-        assert_eq!(seen_as(&scene, &last).0.lens, Lens::new(0.2, 2.5, 0).unwrap());
+        assert_eq!(
+            seen_as(&scene, &last).0.lens,
+            Lens::new(0.2, 2.5, 0).unwrap()
+        );
         assert_eq!(seen_as(&scene, "aperture=0").0.lens, Lens::PINHOLE);
     }
 }

@@ -3,12 +3,12 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use gpugi::Renderer;
 use gpugi::gpu::Gpu;
 use gpugi::measure::{
     Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
 };
 use gpugi::picture::{self, Effects};
+use gpugi::{Motion, Renderer};
 use gpugi_arguments::parse_size;
 use gpugi_scene::image::metrics::{Metric, heat_map};
 use serde_json::{Map, Value};
@@ -16,7 +16,7 @@ use serde_json::{Map, Value};
 use crate::compare::{in_json, print_line};
 use crate::output::{write_json, write_png};
 use crate::progress::Progress;
-use crate::render::{Chosen, is_path_tracer, print_notes};
+use crate::render::{Chosen, SHUTTER_STEPS, is_path_tracer, print_notes};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
@@ -43,6 +43,9 @@ pub struct Arguments {
     /// Samples per pixel for the techniques
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
+    /// Steps in which maps and lights follow what moves while the shutter is open; what is seen moves with every sample
+    #[arg(long, value_name = "N", default_value_t = SHUTTER_STEPS, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    shutter_steps: u32,
     /// Samples per pixel for the path tracer (default: 1024, or 16777216 with --noise)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..=16_777_216))]
     reference_samples: Option<u32>,
@@ -116,7 +119,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             return Err(Usage(message).into());
         }
     }
-    let options = options(arguments)?;
+    let mut options = options(arguments)?;
     if is_path_tracer(&arguments.technique)? {
         let message =
             "--technique path-tracer: it is the reference; name what to compare with it".into();
@@ -126,6 +129,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let size = arguments.size;
     let aspect = size[0] as f32 / size[1] as f32;
     let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
+    options.motion = Motion::seen_by(&camera, &scene, arguments.scene.time);
     let gpu = Gpu::open(&common.adapter)?;
     let of_reference = format!("{}.", gpugi::reference::INFO.name);
     if let Some(set) = arguments
@@ -245,6 +249,8 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
         seed: arguments.seed,
         cache,
         all_light: arguments.all_light,
+        shutter_steps: arguments.shutter_steps,
+        motion: None,
     })
 }
 

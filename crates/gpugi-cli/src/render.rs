@@ -9,7 +9,7 @@ use gpugi::gpu::{Gpu, Timing};
 use gpugi::picture::{self, Effects, Shown};
 use gpugi::reference::{self, PathTracer};
 use gpugi::techniques::Registry;
-use gpugi::{LightingError, Purpose, Readiness, Renderer, Techniques, default_set};
+use gpugi::{LightingError, Motion, Purpose, Readiness, Renderer, Techniques, default_set};
 use gpugi_arguments::{DisplayArguments, parse_size, split_settings, technique_names};
 use gpugi_scene::{Camera, Scene};
 
@@ -45,9 +45,13 @@ pub struct Arguments {
     /// Print which techniques were chosen and why, what each adds and what it costs, and the light that is missing
     #[arg(long)]
     explain: bool,
-    /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 256 for the path tracer)
+    /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 64 if lens or shutter blur the
+    /// picture; 256 for the path tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,
+    /// Steps in which maps and lights follow what moves while the shutter is open; what is seen moves with every sample
+    #[arg(long, value_name = "N", default_value_t = SHUTTER_STEPS, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    shutter_steps: u32,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -62,9 +66,12 @@ pub struct Arguments {
     aov: Vec<Aov>,
 }
 
-/// Default samples per pixel for techniques, and for the path tracer.
+/// Default samples per pixel for techniques, with a lens or an open shutter, and for the path tracer.
 const TECHNIQUE_SAMPLES: u32 = 4;
+const BLURRED_SAMPLES: u32 = 64;
 const PATH_TRACER_SAMPLES: u32 = 256;
+/// Default steps of maps while the shutter is open.
+pub const SHUTTER_STEPS: u32 = 8;
 
 /// The content of `--report`.
 #[derive(serde::Serialize)]
@@ -337,9 +344,13 @@ fn render_techniques(
     let (size, settings) = (arguments.size, &arguments.set);
     let mut chosen = Chosen::new(gpu, scene, size, &arguments.technique, settings)?;
     print_notes(common, notes);
+    let motion = Motion::seen_by(camera, scene, arguments.scene.time);
+    let is_blurred = !camera.lens.is_pinhole() || motion.is_some();
     let started = Instant::now();
     let (maps, left_out, mut costs) = loop {
         chosen.renderer.set_seed(arguments.seed);
+        let motion = motion.clone();
+        (chosen.renderer).set_motion(motion, arguments.shutter_steps)?;
         let left_out = chosen.renderer.left_out();
         let mut of_set = Vec::new();
         if !left_out.is_empty() {
@@ -361,7 +372,10 @@ fn render_techniques(
         mut renderer, set, ..
     } = chosen;
     let maps_seconds = started.elapsed().as_secs_f64();
-    let samples = arguments.samples.unwrap_or(TECHNIQUE_SAMPLES);
+    let samples = arguments.samples.unwrap_or(match is_blurred {
+        true => BLURRED_SAMPLES,
+        false => TECHNIQUE_SAMPLES,
+    });
     let mut progress = Progress::new(common.quiet);
     let mut passes_of_last_sample = Vec::new();
     for sample in 1..=samples {
@@ -463,6 +477,7 @@ fn render_reference(
     print_notes(common, notes);
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
     tracer.restart(arguments.seed)?;
+    tracer.set_motion(Motion::seen_by(camera, scene, arguments.scene.time));
     let mut progress = Progress::new(common.quiet);
     let samples = arguments.samples.unwrap_or(PATH_TRACER_SAMPLES);
     let done = tracer.render(camera, samples, &mut |state| {

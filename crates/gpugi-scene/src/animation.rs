@@ -33,6 +33,20 @@ impl Scene {
         rig.map_or_else(Vec::new, |rig| self.posed_by(rig, time_seconds))
     }
 
+    /// The camera at `time_seconds`, if a node of the rig carries it; otherwise as it is.
+    pub fn camera_at(&self, camera: &Camera, time_seconds: f32) -> Camera {
+        let world_from_view = self.rig.as_ref().zip(camera.node).and_then(|(rig, node)| {
+            let file_from_view = *rig.pose(time_seconds).file_from_node.get(node)?;
+            let world_from_view =
+                (DMat4::from_translation(-self.origin) * file_from_view).as_mat4();
+            Some(rigid(world_from_view)).filter(Mat4::is_finite)
+        });
+        Camera {
+            world_from_view: world_from_view.unwrap_or(camera.world_from_view),
+            ..camera.clone()
+        }
+    }
+
     /// As [`Scene::posed`], with a rig beside the scene.
     pub(crate) fn posed_by(&self, rig: &Rig, time_seconds: f32) -> Vec<Edit> {
         let pose = rig.pose(time_seconds);

@@ -82,7 +82,10 @@ impl Camera {
             Projection::Orthographic { height } => plain(&mut hasher, &[1.0, *height]),
         }
         if !lens.is_pinhole() {
-            plain(&mut hasher, &[2.0, lens.aperture, lens.focus, lens.blades as f32]);
+            plain(
+                &mut hasher,
+                &[2.0, lens.aperture, lens.focus, lens.blades as f32],
+            );
         }
         if *shutter > 0.0 {
             plain(&mut hasher, &[3.0, *shutter]);

@@ -156,7 +156,10 @@ mod tests {
                 blades => 4.0 * (2.0 + (TAU / blades as f32).cos()) / 6.0,
             };
             assert!(mean.length() < 1e-3, "{blades} blades: {mean}");
-            assert!((square / expected - 1.0).abs() < 1e-3, "{blades} blades: {square}");
+            assert!(
+                (square / expected - 1.0).abs() < 1e-3,
+                "{blades} blades: {square}"
+            );
         }
         let hexagon = Lens::new(2.0, 1.0, 6).unwrap().area();
         assert!((hexagon - 6.0 * 3.0_f32.sqrt()).abs() < 1e-4, "{hexagon}");
@@ -165,12 +168,21 @@ mod tests {
     #[test]
     fn lenses_that_cannot_be_are_refused() {
         let nan = f32::NAN;
-        assert!(matches!(Lens::new(-1.0, 1.0, 0), Err(LensError::Aperture(_))));
-        assert!(matches!(Lens::new(nan, 1.0, 0), Err(LensError::Aperture(_))));
+        assert!(matches!(
+            Lens::new(-1.0, 1.0, 0),
+            Err(LensError::Aperture(_))
+        ));
+        assert!(matches!(
+            Lens::new(nan, 1.0, 0),
+            Err(LensError::Aperture(_))
+        ));
         assert!(matches!(Lens::new(0.1, 0.0, 0), Err(LensError::Focus(_))));
         assert!(matches!(Lens::new(0.1, nan, 0), Err(LensError::Focus(_))));
         assert!(matches!(Lens::new(0.1, 1.0, 2), Err(LensError::Blades(2))));
-        assert!(matches!(Lens::new(0.1, 1.0, 17), Err(LensError::Blades(17))));
+        assert!(matches!(
+            Lens::new(0.1, 1.0, 17),
+            Err(LensError::Blades(17))
+        ));
         assert_eq!(Lens::new(0.0, nan, 5), Ok(Lens::PINHOLE));
         assert!(shutter(nan).is_err() && shutter(-0.1).is_err());
         assert_eq!(shutter(0.0), Ok(0.0));

@@ -41,7 +41,6 @@ pub mod transfer;
 pub use atlas::{Atlas, AtlasError, AtlasOptions, InstanceUvs, Side, TexelDensity};
 pub use bounds::Bounds;
 pub use camera::{Camera, Projection};
-pub use lens::{Lens, LensError};
 pub use document::Document;
 pub use edit::Edit;
 pub use environment::Environment;
@@ -51,6 +50,7 @@ pub use image::{Image, Pixels};
 pub use import::{
     FileResolver, Limits, Resolver, import, import_environment, import_file, import_file_within,
 };
+pub use lens::{Lens, LensError};
 pub use light::{Light, LightKind};
 pub use material::{AlphaMode, Material, MaterialModel, Texture, TextureRef, Volume, Wrap};
 pub use medium::{DensityGrid, MAX_MEDIA, Medium, PhaseFunction};

@@ -22,6 +22,8 @@ const SIZE: usize = 96;
 const GAP: usize = 4;
 
 const OPTIONS: Options = Options {
+    motion: None,
+    shutter_steps: 8,
     samples: 8,
     reference: Quality {
         samples: 2048,

@@ -21,6 +21,8 @@ const SIZE: usize = 200;
 const GAP: usize = 4;
 
 const OPTIONS: Options = Options {
+    motion: None,
+    shutter_steps: 8,
     samples: 16,
     reference: Quality {
         samples: 128,

@@ -39,6 +39,7 @@ mod sequences;
 pub mod settings;
 #[cfg(test)]
 mod shared;
+mod shutter;
 pub mod stage;
 pub mod techniques;
 #[cfg(test)]
@@ -47,4 +48,5 @@ mod testing;
 pub use default_set::{Techniques, default_set};
 pub use lighting::{Lighting, LightingError, Readiness};
 pub use renderer::Renderer;
+pub use shutter::Motion;
 pub use techniques::Purpose;

@@ -1,5 +1,6 @@
 //! Pictures: a camera's pixels as receivers of a scene's lighting, and their display.
 
+mod shutter;
 mod strips;
 #[cfg(test)]
 mod tests;
@@ -19,8 +20,9 @@ use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
 use crate::scene::{Edit, GpuScene, Undo};
-use crate::sequences::low_discrepancy;
+use crate::sequences::{low_discrepancy, on_lens};
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
+use shutter::{Moment, Moving};
 use strips::{LitStrip, strips};
 
 /// Renders one scene with a set of techniques at one size.
@@ -37,6 +39,8 @@ pub struct Renderer {
     of: u32,
     /// Whether the last picture was one of live pictures of one sample each.
     continues: bool,
+    /// What moves while the shutter is open.
+    moving: Option<Moving>,
     /// How the last sample's picture was seen.
     shot: Option<Shot>,
     /// Index of this picture's first sample: live pictures continue those before them.
@@ -116,6 +120,7 @@ impl Renderer {
             samples: 0,
             of: 1,
             continues: false,
+            moving: None,
             shot: None,
             first_sample: 0,
             seed: 0,
@@ -255,6 +260,7 @@ impl Renderer {
     /// [`LightingError::Gpu`]; [`LightingError::Overlap`] and [`LightingError::Needs`] when the techniques do not fit the
     /// scene as it would be. Nothing has changed then, and accumulation goes on.
     pub fn update(&mut self, after: &Scene) -> Result<(), LightingError> {
+        self.end_motion()?;
         self.change_scene(|scene, gpu| scene.update_with_undo(gpu, after))
     }
 
@@ -263,6 +269,7 @@ impl Renderer {
     /// # Errors
     /// As [`Renderer::update`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<(), LightingError> {
+        self.end_motion()?;
         self.change_scene(|scene, gpu| scene.edit_with_undo(gpu, edits))
     }
 
@@ -391,10 +398,33 @@ impl Renderer {
     }
 
     /// Records a frame that only brings maps further, for the view through the pixels' centres.
-    fn prepare(&mut self, frame: &mut Frame<'_>, camera: &Camera) -> Result<Readiness, GpuError> {
+    fn prepare(
+        &mut self,
+        frame: &mut Frame<'_>,
+        camera: &Camera,
+    ) -> Result<Readiness, LightingError> {
+        let steps = self.moving.as_ref().map_or(1, |moving| moving.steps);
+        let readiness = match self.open_shutter(camera, steps)? {
+            Moment::Now => self.prepare_maps(frame, camera)?,
+            Moment::Sample(camera) | Moment::Maps(camera) => {
+                let readiness = self.prepare_maps(frame, &camera)?;
+                self.followed(readiness);
+                readiness
+            }
+        };
+        Ok(readiness)
+    }
+
+    /// Records what brings maps further.
+    fn prepare_maps(
+        &mut self,
+        frame: &mut Frame<'_>,
+        camera: &Camera,
+    ) -> Result<Readiness, GpuError> {
         let diagonal = self.scene.diagonal();
         let (index, seed) = (View::NO_SAMPLE, self.seed);
-        let view = View::new(camera, self.size, Vec2::ZERO, index, seed, diagonal);
+        let camera = View::behind_lens(camera, self.size, diagonal);
+        let view = View::new(&camera, self.size, Vec2::ZERO, index, seed, diagonal);
         let budget = self.budget;
         self.lighting.prepare(frame, &mut self.scene, &view, budget)
     }
@@ -455,7 +485,7 @@ impl Renderer {
         camera: &Camera,
         of: u32,
         effects: Option<&Effects>,
-    ) -> Result<Readiness, GpuError> {
+    ) -> Result<Readiness, LightingError> {
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
             self.picture.prepare(&self.gpu, &self.scene, effects)?;
@@ -475,18 +505,38 @@ impl Renderer {
             true => self.first_sample,
             false => self.samples,
         };
+        let moved;
+        let camera = match self.open_shutter(camera, of)? {
+            Moment::Now => camera,
+            Moment::Sample(camera) => {
+                moved = camera;
+                &moved
+            }
+            Moment::Maps(camera) => {
+                let readiness = self.prepare_maps(frame, &camera)?;
+                return Ok(self.followed(readiness));
+            }
+        };
         let jitter = if of <= 1 && !remembers {
             Vec2::ZERO
         } else {
             low_discrepancy(index) - 0.5
         };
         let diagonal = self.scene.diagonal();
-        let view = View::new(camera, self.size, jitter, index, self.seed, diagonal)
+        // A single sample sees through the middle of the lens.
+        let sees_through_lens = of > 1 && !camera.lens.is_pinhole();
+        let mut view = View::new(camera, self.size, jitter, index, self.seed, diagonal)
             .accumulating(self.samples > 0);
+        let mut of_maps = view;
+        if sees_through_lens {
+            let behind = View::behind_lens(camera, self.size, diagonal);
+            of_maps = View::new(&behind, self.size, jitter, index, self.seed, diagonal);
+            view = view.through(camera.lens.sample(on_lens(index)), camera.lens.focus);
+        }
         let budget = self.budget;
         let readiness = self
             .lighting
-            .prepare(frame, &mut self.scene, &view, budget)?;
+            .prepare(frame, &mut self.scene, &of_maps, budget)?;
         if !readiness.is_usable() {
             return Ok(readiness);
         }

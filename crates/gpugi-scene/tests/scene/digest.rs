@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use glam::{Affine2, DVec3, Mat4, Vec2, Vec3, Vec4};
 use gpugi_scene::{
-    AlphaMode, Camera, Environment, Image, Lens, Light, LightKind, Material, MaterialModel, Mesh, Pixels,
-    Projection, Scene, Texture, TextureRef, Volume, Wrap,
+    AlphaMode, Camera, Environment, Image, Lens, Light, LightKind, Material, MaterialModel, Mesh,
+    Pixels, Projection, Scene, Texture, TextureRef, Volume, Wrap,
 };
 
 /// A scene in which everything is present.

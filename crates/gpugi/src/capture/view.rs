@@ -153,34 +153,33 @@ impl View {
         self
     }
 
-    /// A view without samples that sees all that `camera` sees through any point of its lens: its eye stands so far behind
-    /// the lens, and its field of view is so much wider, that it holds what each of them sees. For maps that follow the
-    /// camera.
-    pub fn of_whole_lens(camera: &Camera, size: [u32; 2], seed: u32, diagonal: f32) -> Self {
+    /// A pinhole camera that sees all that `camera` sees through any point of its lens, in pictures of `size` pixels: it
+    /// stands so far behind the lens, and its field of view is so much wider. For maps that follow the camera.
+    pub fn behind_lens(camera: &Camera, size: [u32; 2], diagonal: f32) -> Camera {
         let mut camera = camera.clone();
         let Lens {
             aperture, focus, ..
         } = std::mem::take(&mut camera.lens);
-        if aperture > 0.0 {
-            // At the distance z from the lens, its points see a |z / f - 1| farther to each side than its centre.
-            let aspect = size[0] as f32 / size[1] as f32;
-            match &mut camera.projection {
-                Projection::Perspective { vertical_fov } => {
-                    let tangent = (*vertical_fov / 2.0).tan();
-                    let narrower = aspect.min(1.0);
-                    let wider = tangent + aperture / focus / narrower;
-                    *vertical_fov = 2.0 * wider.atan();
-                    let behind = aperture / (tangent * narrower);
-                    camera.world_from_view.w_axis += camera.world_from_view.z_axis * behind;
-                }
-                Projection::Orthographic { height } => {
-                    let eye = camera.world_from_view.w_axis.truncate();
-                    let reach = ((eye.length() + diagonal) / focus - 1.0).max(1.0);
-                    *height += 2.0 * aperture * reach / aspect.min(1.0);
-                }
+        if aperture == 0.0 {
+            return camera;
+        }
+        let narrower = (size[0] as f32 / size[1] as f32).min(1.0);
+        let eye = camera.world_from_view.w_axis;
+        match &mut camera.projection {
+            // At the distance z, points of the lens see a |z / f - 1| farther to each side than its middle: less than
+            // a + z a / f.
+            Projection::Perspective { vertical_fov } => {
+                let tangent = (*vertical_fov / 2.0).tan();
+                *vertical_fov = 2.0 * (tangent + aperture / focus / narrower).atan();
+                let behind = aperture / (tangent * narrower);
+                camera.world_from_view.w_axis += camera.world_from_view.z_axis * behind;
+            }
+            Projection::Orthographic { height } => {
+                let farthest = eye.truncate().length() + diagonal;
+                *height += 2.0 * aperture * (farthest / focus - 1.0).max(1.0) / narrower;
             }
         }
-        Self::new(&camera, size, Vec2::ZERO, Self::NO_SAMPLE, seed, diagonal)
+        camera
     }
 
     /// What the same camera sees in a picture of another size, in no sample, for a scene of this `diagonal` (m).

@@ -16,6 +16,7 @@ use crate::gpu::{Gpu, Timing};
 use crate::light_paths::{LightClass, all_light, never_found, parts};
 use crate::lighting::{LightingError, Readiness};
 use crate::renderer::Renderer;
+use crate::shutter::Motion;
 use crate::techniques::Map;
 
 /// The reference counts as exact if its own error is below this fraction of the technique's.
@@ -72,6 +73,10 @@ pub struct Options {
     pub reference: Quality,
     /// Seed of all random numbers.
     pub seed: u32,
+    /// What moves while the shutter is open. References with motion are not kept.
+    pub motion: Option<Motion>,
+    /// Steps in which the techniques' maps follow it.
+    pub shutter_steps: u32,
     /// Where references are kept between measurements.
     pub cache: Option<Cache>,
     /// Whether the reference has all light paths, instead of those of the techniques: light that the techniques lack
@@ -85,6 +90,8 @@ impl Default for Options {
             samples: 64,
             reference: Quality::default(),
             seed: 0,
+            motion: None,
+            shutter_steps: 8,
             cache: None,
             all_light: false,
         }
@@ -238,6 +245,7 @@ fn render(
     report: Report<'_>,
 ) -> Result<(u32, Vec<PassTime>), MeasureError> {
     renderer.set_seed(options.seed);
+    renderer.set_motion(options.motion.clone(), options.shutter_steps)?;
     let names: Vec<&str> = renderer
         .techniques()
         .iter()

@@ -122,7 +122,8 @@ pub fn trace(
             options.seed,
         );
         let mut kept = None;
-        if let Some(cache) = &options.cache {
+        let cache = options.cache.as_ref().filter(|_| options.motion.is_none());
+        if let Some(cache) = cache {
             kept = cache.read(&key).unwrap_or_else(|damage| {
                 truth.notes.push(format!("{damage}; rendered anew"));
                 None
@@ -133,7 +134,7 @@ pub fn trace(
             Some(entry) => entry,
             None => {
                 let entry = render(gpu, subject, part, &settings, options, report)?;
-                if let Some(cache) = &options.cache
+                if let Some(cache) = cache
                     && let Err(error) = cache.write(&key, &entry)
                 {
                     let note = format!("the reference is not kept for next time: {error}");
@@ -185,6 +186,7 @@ fn render(
 ) -> Result<Entry, MeasureError> {
     let mut tracer = PathTracer::new(gpu, subject.scene, subject.size, settings)?;
     tracer.restart(options.seed)?;
+    tracer.set_motion(options.motion.clone());
     let classes: Vec<String> = part.classes.iter().map(ToString::to_string).collect();
     let stage = format!("path tracer, {} ({})", part.pattern, classes.join(", "));
     let started = Instant::now();

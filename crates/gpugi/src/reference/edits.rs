@@ -15,6 +15,7 @@ impl PathTracer {
     /// # Errors
     /// As [`PathTracer::new`].
     pub fn edit(&mut self, edits: &[Edit]) -> Result<bool, LightingError> {
+        self.take_first_pose()?;
         self.follow(edits.to_vec())
     }
 
@@ -24,6 +25,7 @@ impl PathTracer {
     /// # Errors
     /// As [`PathTracer::new`].
     pub fn update(&mut self, after: &Scene) -> Result<bool, LightingError> {
+        (self.motion, self.is_later) = (None, false);
         match self.scene.edits_to(after) {
             Some(edits) => self.follow(edits),
             None => Ok(false),
@@ -32,6 +34,15 @@ impl PathTracer {
 
     fn follow(&mut self, edits: Vec<Edit>) -> Result<bool, LightingError> {
         edits.iter().try_for_each(check::check_edit)?;
+        let follows = self.change(edits)?;
+        if follows {
+            self.restart(self.seed)?;
+        }
+        Ok(follows)
+    }
+
+    /// Edits the scene, if that costs little ([`PathTracer::edit`]).
+    fn change(&mut self, edits: Vec<Edit>) -> Result<bool, LightingError> {
         if !self.scene.follow(&self.gpu, edits)? {
             return Ok(false);
         }
@@ -44,8 +55,28 @@ impl PathTracer {
         if let Some(photons) = &mut self.photons {
             photons.aim(&self.gpu, self.lit.aims.as_ref())?;
         }
-        self.restart(self.seed)?;
         Ok(true)
+    }
+
+    /// Goes back to the pose in which the scene was before the shutter opened.
+    fn take_first_pose(&mut self) -> Result<(), LightingError> {
+        let is_later = std::mem::take(&mut self.is_later);
+        let motion = self.motion.take().filter(|_| is_later);
+        motion.map_or(Ok(()), |motion| self.take_pose(motion.scene()))
+    }
+
+    /// Goes on with the same scene in another pose.
+    pub(super) fn take_pose(&mut self, posed: &Scene) -> Result<(), LightingError> {
+        let edits = self.scene.edits_to(posed);
+        let follows = edits.map(|edits| self.change(edits)).transpose()?;
+        match follows {
+            Some(true) => Ok(()),
+            _ => Err(GpuError::Input {
+                what: "what the animation changes while the shutter is open needs another upload"
+                    .into(),
+            }
+            .into()),
+        }
     }
 
     /// Whether the kernels know of lights as they are now. Those that look for lamps in caustics and for photons serve

@@ -43,6 +43,7 @@ use crate::lighting::LightingError;
 use crate::scene::GpuScene;
 use crate::settings::SettingError;
 use crate::shader;
+use crate::shutter::{Motion, moment};
 use crate::techniques::{Cost, Info, Needs, Role};
 use lit::{LightBuffers, Lit, has_straight};
 use photons::Photons;
@@ -75,6 +76,10 @@ const LEAST_SAMPLES: u32 = 16;
 /// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
 /// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
+/// Moments at which a picture is taken while the shutter is open and things move, unless it has very many samples.
+const MOMENTS: u32 = 256;
+/// Most samples that are taken at one of them.
+const MOST_PER_MOMENT: u32 = 16;
 /// `Settings` of reference/path_state.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
@@ -173,6 +178,10 @@ pub struct PathTracer {
     around_eye: [u32; 4],
     samples: u32,
     pass: Pass,
+    /// What moves while the shutter is open.
+    motion: Option<Motion>,
+    /// Whether the scene on the GPU is at another time than at first.
+    is_later: bool,
     /// What the GPU is at work on.
     batch: Option<Batch>,
     /// Pieces of work given to the GPU so far.
@@ -311,6 +320,8 @@ impl PathTracer {
             around_eye: surroundings::around(&[], Vec3::ZERO),
             samples: 0,
             pass: Pass::default(),
+            motion: None,
+            is_later: false,
             batch: None,
             pieces: 0,
             sums: None,
@@ -361,6 +372,13 @@ impl PathTracer {
         Ok(())
     }
 
+    /// Moves the scene while the shutter of the camera is open: samples are dealt to moments of that time, at each of which
+    /// instances, lights, the camera and meshes that deform are where the animation has them. `None`: nothing moves. To be
+    /// set before the first sample, and again after edits.
+    pub fn set_motion(&mut self, motion: Option<Motion>) {
+        self.motion = motion;
+    }
+
     /// Samples that every pixel has so far.
     pub fn samples(&self) -> u32 {
         self.samples
@@ -379,7 +397,6 @@ impl PathTracer {
         samples: u32,
         report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
     ) -> Result<Progress, LightingError> {
-        self.look(camera);
         let mut progress = Progress {
             samples: self.samples,
             of: samples,
@@ -387,7 +404,7 @@ impl PathTracer {
             noise: None,
         };
         while self.samples < samples {
-            self.begin_pass(samples);
+            self.begin_pass(camera, samples)?;
             while self.pass.tile < self.tiles.len() {
                 if self.batch.is_none() {
                     self.begin_batch(UNLIMITED)?;
@@ -446,10 +463,7 @@ impl PathTracer {
             && noise.is_some_and(|noise| noise <= limit);
         let is_done = self.samples >= samples || is_enough;
         if is_free && !is_done && !self.gpu.is_compiling() {
-            if self.pass.samples == 0 {
-                self.look(camera);
-            }
-            self.begin_pass(samples);
+            self.begin_pass(camera, samples)?;
             self.begin_batch(rays)?;
         }
         let is_measured = self.noise.is_some_and(|(of, _)| of == self.samples);
@@ -506,16 +520,33 @@ impl PathTracer {
     }
 
     /// Begins a pass, if none has begun.
-    fn begin_pass(&mut self, samples: u32) {
-        if self.pass.samples == 0 {
+    fn begin_pass(&mut self, camera: &Camera, samples: u32) -> Result<(), LightingError> {
+        if self.pass.samples > 0 {
+            return Ok(());
+        }
+        let most = self.wavefront.items() / BLOCK_PIXELS;
+        let left = (samples - self.samples).min(most);
+        let motion = self.motion.take();
+        if let Some(motion) = motion.as_ref().filter(|_| camera.shutter > 0.0) {
+            let per_moment = (samples / MOMENTS).clamp(1, MOST_PER_MOMENT);
+            let seconds = camera.shutter * moment(self.samples / per_moment);
+            self.take_pose(&motion.after(seconds))?;
+            self.is_later = true;
+            self.look(&motion.camera_after(camera, seconds));
+            self.pass.samples = per_moment.min(left);
+        } else {
+            if let Some(motion) = motion.as_ref().filter(|_| self.is_later) {
+                self.take_pose(motion.scene())?;
+                self.is_later = false;
+            }
+            self.look(camera);
             // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
             // often enough.
             let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;
-            self.pass.samples = affordable
-                .clamp(1, self.samples / 4 + 1)
-                .min(samples - self.samples)
-                .min(self.wavefront.items() / BLOCK_PIXELS);
+            self.pass.samples = affordable.clamp(1, self.samples / 4 + 1).min(left);
         }
+        self.motion = motion;
+        Ok(())
     }
 
     fn end_pass(&mut self) {

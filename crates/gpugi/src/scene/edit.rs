@@ -17,7 +17,7 @@ use super::rays::Rays;
 use super::rows::{is_mirrored, mesh_bounds, set_place, texture_slots};
 use super::tables::Tables;
 use super::upload::{are_same, is_same_image, is_see_through};
-use super::{GpuScene, Object, Versions};
+use super::{GpuScene, NOT_MERGED, Object, Versions};
 use crate::gpu::{Gpu, GpuError};
 
 /// What takes a change of a scene back: [`GpuScene::undo`].
@@ -111,6 +111,23 @@ impl GpuScene {
             return Ok(false);
         }
         self.apply(gpu, edits).map(|_| true)
+    }
+
+    /// Moves instances and bends meshes as in `posed`, which is the same scene at another time, for the eye and for rays
+    /// alone: maps stay current and show them where they were. Lights and media stay where they are.
+    ///
+    /// # Errors
+    /// As [`GpuScene::edit`].
+    pub(crate) fn displace(&mut self, gpu: &Gpu, posed: &Scene) -> Result<(), GpuError> {
+        let (versions, atlases) = (self.versions, self.atlases.clone());
+        let mut edits = self.edits_to(posed).unwrap_or_default();
+        edits.retain(|edit| matches!(edit, Edit::Instance { .. } | Edit::Mesh { .. }));
+        edits.retain(|edit| self.can_apply(edit));
+        self.check_all(&edits)?;
+        self.apply(gpu, edits)?;
+        (self.versions, self.atlases) = (versions, atlases);
+        self.merged_version = NOT_MERGED;
+        Ok(())
     }
 
     /// Takes the last change back. What was made of the scene before it is current again.

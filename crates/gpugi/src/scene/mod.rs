@@ -105,6 +105,9 @@ pub struct Draw {
 /// Names and values of [`GpuScene::ray_constants`].
 pub type RayConstants = [(&'static str, f64); 2];
 
+/// In place of the version of the merged vertices: they are to be merged again.
+const NOT_MERGED: u64 = u64::MAX;
+
 /// A scene on the GPU.
 #[derive(Debug)]
 pub struct GpuScene {

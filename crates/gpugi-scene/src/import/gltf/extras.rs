@@ -121,11 +121,7 @@ pub fn light_radius(document: &Document, extras: &Value, place: &str) -> Result<
 }
 
 /// The lens of camera `index`, and the time for which its shutter is open (s), from its extras.
-pub fn lens(
-    document: &Document,
-    extras: &Value,
-    index: usize,
-) -> Result<(Lens, f32), ImportError> {
+pub fn lens(document: &Document, extras: &Value, index: usize) -> Result<(Lens, f32), ImportError> {
     let Some(value) = extras.get("gpugi") else {
         return Ok((Lens::PINHOLE, 0.0));
     };

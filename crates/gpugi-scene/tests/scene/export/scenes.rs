@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Affine2, Vec2, Vec3, Vec4, vec2, vec3};
 use gpugi_scene::export::{BakedLight, BakedPage, export_bake, export_scene};
 use gpugi_scene::{
-    AlphaMode, Camera, Image, Lens, Light, LightKind, Limits, Material, MaterialModel, Mesh, Pixels,
-    Projection, Scene, Texture, TextureRef, Volume, Wrap, builtin, import,
+    AlphaMode, Camera, Image, Lens, Light, LightKind, Limits, Material, MaterialModel, Mesh,
+    Pixels, Projection, Scene, Texture, TextureRef, Volume, Wrap, builtin, import,
 };
 
 use crate::builder::{Files, png};
