@@ -20,7 +20,7 @@ use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
 use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
 use crate::scene::{Edit, GpuScene, Undo};
-use crate::sequences::{low_discrepancy, on_lens};
+use crate::sequences::{low_discrepancy, sobol};
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
 use shutter::{Moment, Moving};
 use strips::{LitStrip, strips};
@@ -531,7 +531,7 @@ impl Renderer {
         if sees_through_lens {
             let behind = View::behind_lens(camera, self.size, diagonal);
             of_maps = View::new(&behind, self.size, jitter, index, self.seed, diagonal);
-            view = view.through(camera.lens.sample(on_lens(index)), camera.lens.focus);
+            view = view.through(camera.lens.sample(sobol(index)), camera.lens.focus);
         }
         let budget = self.budget;
         let readiness = self

@@ -19,13 +19,21 @@ pub fn additive<const N: usize>(steps: [f64; N], index: u32) -> [f64; N] {
     steps.map(|step| (step * f64::from(index)).fract())
 }
 
-/// Powers of the root of x^5 = x + 1, for four dimensions: those that resemble [`R2`] least, by which a sample's place in
-/// its pixel is chosen.
-const OF_LENS: [f64; 2] = [0.628_706_721_037_808_7, 0.538_597_257_223_610_1];
-
-/// Uniform numbers in the unit square for the point of the lens through which sample `index` is taken.
-pub fn on_lens(index: u32) -> Vec2 {
-    Vec2::from_array(additive(OF_LENS, index).map(|step| (0.5 + step).fract() as f32))
+/// Point `index` of the two-dimensional Sobol sequence, in the middle of its cell of 2^-24: shared/sobol.wesl is its twin
+/// and says how. For what is drawn beside a place in the pixel, which has [`R2`].
+pub fn sobol(index: u32) -> Vec2 {
+    let mut p = index;
+    for (shift, mask) in [
+        (1, 0x5555_5555),
+        (2, 0x3333_3333),
+        (4, 0x0f0f_0f0f),
+        (8, 0x00ff_00ff),
+        (16, 0x0000_ffff),
+    ] {
+        p ^= (p >> shift) & mask;
+    }
+    let unit = |bits: u32| ((bits.reverse_bits() >> 8) as f32 + 0.5) / 16_777_216.0;
+    Vec2::new(unit(index), unit(p))
 }
 
 /// Point `index` of the additive R2 sequence in the unit square, the first in its middle.

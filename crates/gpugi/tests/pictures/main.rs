@@ -4,6 +4,7 @@
 mod common;
 mod default_light;
 mod golden;
+mod lens;
 mod measure;
 mod metamorphic;
 mod path_tracer;
