@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
-use gpugi_scene::{Camera, Light, LightKind, Material, Mesh, Projection, Scene, Volume};
+use gpugi_scene::{Camera, Lens, Light, LightKind, Material, Mesh, Projection, Scene, Volume};
 
 use super::LARGEST_BATCH;
 use crate::gpu::{Gpu, read_buffer};
@@ -341,6 +341,47 @@ fn both_tracers_find_the_same_light_of_lamps() {
             );
         }
     }
+}
+
+/// A caustic out of focus: photons see it through the same lens as paths from the eye.
+#[test]
+fn both_tracers_see_through_the_same_lens() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = on_floor(sphere(0.4, 32), glass(1.5), vec3(0.0, 0.45, 0.0));
+    let lamp = quad(vec3(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, 1);
+    place(
+        &mut scene,
+        lamp,
+        Material::emitter("lamp", Vec3::ONE),
+        Vec3::ZERO,
+    );
+    // The caustic below the ball fills the pinhole's picture, and none of its neighbourhood.
+    let pinhole = Camera::look_at("", vec3(1.2, 0.8, 0.0), vec3(0.0, 0.0, 0.0), 0.1);
+    let camera = Camera {
+        lens: Lens::new(0.1, 0.5, 5).unwrap(),
+        ..pinhole.clone()
+    };
+    let of = |camera, samples, has_photons| {
+        mean(
+            &gpu,
+            &scene,
+            camera,
+            &keeping("LS+DE"),
+            samples,
+            has_photons,
+        )
+    };
+    let (alone, noise) = of(&camera, 16, false);
+    let (both, error) = of(&camera, 48, true);
+    let (sharp, _) = of(&pinhole, 16, false);
+    println!("{alone} +- {noise} alone, {both} +- {error} with photons, {sharp} without a lens");
+    let spread = noise.hypot(error);
+    assert!(spread < 0.04 * alone, "{spread} of {alone}");
+    assert!((both - alone).abs() < 3.5 * spread, "{both}, not {alone}");
+    assert!(
+        (sharp - alone).abs() > 6.0 * spread,
+        "{sharp} through a pinhole"
+    );
 }
 
 /// What the filter keeps adds up to the whole, and scenes in which no light meets an ideal surface first have no
