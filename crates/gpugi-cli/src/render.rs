@@ -511,7 +511,8 @@ fn render_reference(
         image: match shown {
             Some(effects) => {
                 let radiance = tracer.radiance()?;
-                Image::Pixels(picture::developed(gpu, arguments.size, &radiance, effects)?)
+                let size = arguments.size;
+                Image::Pixels(picture::developed_of(gpu, size, &radiance, camera, effects)?)
             }
             None => Image::Radiance(tracer.radiance()?),
         },

@@ -436,7 +436,13 @@ impl Session {
             self.unchanged = f32::INFINITY;
         }
         if is_moving || self.readiness != Readiness::Ready {
-            renderer.restart();
+            match self.is_held {
+                true => renderer.begin_again(),
+                false => renderer.restart(),
+            }
+        }
+        if !self.is_held {
+            renderer.pass_time(seconds);
         }
         self.pass_times.update();
         let is_truth_new = self.follow_truth(is_moving_still, seconds)?;
@@ -466,7 +472,9 @@ impl Session {
             quantity,
         );
         let mut shown = Shown::default();
-        let is_displayed = self.displayed == to_display && !is_truth_new;
+        let is_settled = self.is_settled();
+        let renderer = &mut self.loaded.renderer;
+        let is_displayed = self.displayed == to_display && !is_truth_new && is_settled;
         // At rest, maps need not wait for pictures that are soon replaced.
         let is_refining = matches!(self.readiness, Readiness::Refining { .. });
         let [least, most] = MAPS_SECONDS;
@@ -543,6 +551,11 @@ impl Session {
         Ok(shown)
     }
 
+    /// Whether effects that change over time have come to their end, or time stands still.
+    fn is_settled(&self) -> bool {
+        self.is_held || self.at_rest >= self.effects.exposure.settling_seconds()
+    }
+
     /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too,
     /// with the pixels that a picture has at rest.
     pub fn is_complete(&self) -> bool {
@@ -551,6 +564,7 @@ impl Session {
             && renderer.samples() >= self.samples_of_techniques()
             && renderer.size() == self.pace.size(self.window, false)
             && !self.is_tracing()
+            && self.is_settled()
     }
 
     /// Draws the renderer's picture onto the texture.

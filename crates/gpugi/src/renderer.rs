@@ -43,6 +43,12 @@ pub struct Renderer {
     moving: Option<Moving>,
     /// How the last sample's picture was seen.
     shot: Option<Shot>,
+    /// Whether the next sample is the first one of the last picture once more.
+    is_again: bool,
+    /// Time that has passed since effects were last told (s).
+    passed: f32,
+    /// Time between the picture before and this one (s), as far as effects were told.
+    seconds: f32,
     /// Index of this picture's first sample: live pictures continue those before them.
     first_sample: u32,
     seed: u32,
@@ -122,6 +128,9 @@ impl Renderer {
             continues: false,
             moving: None,
             shot: None,
+            is_again: false,
+            passed: 0.0,
+            seconds: 0.0,
             first_sample: 0,
             seed: 0,
             budget: Budget::UNLIMITED,
@@ -329,8 +338,24 @@ impl Renderer {
 
     /// Forgets the accumulated samples: another picture begins.
     pub fn restart(&mut self) {
+        self.begin_again();
+        self.is_again = false;
+    }
+
+    /// Forgets the accumulated samples: the same picture begins again, such as with better maps. The picture before it
+    /// stays the one before.
+    pub fn begin_again(&mut self) {
+        self.is_again |= self.samples > 0;
         self.first_sample = (self.first_sample + self.samples) % LIVE_SAMPLES;
         self.samples = 0;
+    }
+
+    /// Lets time pass (s), for effects that change over time, such as exposure that adapts: to be called before each frame,
+    /// with the time since the one before. The library reads no clock. While no time passes, such effects are done at once.
+    pub fn pass_time(&mut self, seconds: f32) {
+        if seconds > 0.0 {
+            self.passed += seconds.min(f32::MAX / 2.0 - self.passed);
+        }
     }
 
     /// As [`Renderer::restart`], where the next picture has nothing to do with those before it, such as after a cut:
@@ -553,8 +578,9 @@ impl Renderer {
             frame.clear(&strip.receiver.target.mirrored);
             self.lighting.gather(frame, &self.scene, &strip.receiver)?;
         }
-        if self.samples == 0 {
+        if self.samples == 0 && !std::mem::take(&mut self.is_again) {
             self.picture.advance();
+            self.seconds = 0.0;
         }
         self.samples += 1;
         self.of = of;
@@ -576,12 +602,14 @@ impl Renderer {
         let Some(shot) = self.shot else {
             return Ok(());
         };
+        self.seconds += std::mem::take(&mut self.passed);
         let strips: Vec<Strip<'_>> = self.strips.iter().map(LitStrip::strip).collect();
         let lit = Lit {
             strips: &strips,
             samples: self.samples,
             of: self.of,
             shot,
+            seconds: self.seconds,
         };
         self.picture.record(frame, &self.scene, lit, shown, effects)
     }

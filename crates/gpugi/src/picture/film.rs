@@ -29,6 +29,8 @@ pub struct Shot {
     pub film_from_world: Mat4,
     /// The eye in world space (m, w = 1), or the unit direction toward it (w = 0).
     pub eye: Vec4,
+    /// Tangent of half the vertical field of view; 0 if all rays are parallel.
+    pub tangent: f32,
     /// Versions of what was seen.
     pub versions: Versions,
 }
@@ -62,6 +64,10 @@ impl Shot {
                 true => view.world_from_view.w_axis,
                 false => view.world_from_view.z_axis.normalize(),
             },
+            tangent: match view.is_perspective {
+                true => view.half_extent.y,
+                false => 0.0,
+            },
             versions: scene.versions,
         }
     }
@@ -91,7 +97,11 @@ struct ShotsUniform {
     padding: [u32; 2],
 }
 
-fn texture(
+/// A texture of a picture.
+///
+/// # Errors
+/// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+pub(super) fn texture(
     gpu: &Gpu,
     label: &str,
     format: wgpu::TextureFormat,

@@ -19,8 +19,9 @@ pub use surfaces::{Quantity, Surfaces};
 
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
 use crate::scene::GpuScene;
-use effects::{encode, exposure, temporal_antialiasing};
+use effects::{encode, exposure, glow, temporal_antialiasing};
 use film::{Live, Still};
+use gpugi_scene::{Camera, Projection};
 
 /// What is shown.
 #[derive(Debug, Clone, Copy)]
@@ -40,6 +41,7 @@ pub struct Picture {
     /// Made when a still picture is shown, or a live one.
     still: Option<Still>,
     live: Option<(Live, temporal_antialiasing::Pass)>,
+    glow: glow::Pass,
     exposure: exposure::Pass,
     encode: encode::Pass,
 }
@@ -55,6 +57,8 @@ pub struct Lit<'a> {
     pub of: u32,
     /// How it is seen.
     pub shot: Shot,
+    /// Time between this picture and the one before (s), for what changes over time; 0 if it is not known.
+    pub seconds: f32,
 }
 
 impl Picture {
@@ -67,12 +71,13 @@ impl Picture {
             size,
             still: None,
             live: None,
+            glow: glow::Pass::default(),
             exposure: exposure::Pass::new(gpu)?,
             encode: encode::Pass::new(gpu, size)?,
         })
     }
 
-    /// The same for pictures of another size, without memory of earlier ones; it compiles nothing.
+    /// The same for pictures of another size, without memory of earlier ones but for their exposure; it compiles nothing.
     ///
     /// # Errors
     /// As [`Picture::new`].
@@ -85,6 +90,7 @@ impl Picture {
             size,
             still: None,
             live: live.transpose()?,
+            glow: self.glow.resized(),
             exposure: self.exposure.clone(),
             encode: self.encode.resized(gpu, size)?,
         })
@@ -100,12 +106,13 @@ impl Picture {
         scene: &GpuScene,
         effects: &Effects,
     ) -> Result<(), GpuError> {
-        if effects.temporal_antialiasing.is_on() {
-            live(&mut self.live, gpu, scene, self.size)?;
+        let radiance = if effects.temporal_antialiasing.is_on() {
+            &live(&mut self.live, gpu, scene, self.size)?.0.radiance
         } else {
-            still(&mut self.still, gpu, self.size)?;
-        }
-        Ok(())
+            &still(&mut self.still, gpu, self.size)?.radiance
+        };
+        let format = radiance.texture().format();
+        self.glow.prepare(gpu, format, &effects.glow)
     }
 
     /// Forgets what earlier pictures showed.
@@ -113,6 +120,7 @@ impl Picture {
         if let Some((live, _)) = &mut self.live {
             live.forget();
         }
+        self.exposure.forget();
     }
 
     /// Notes that the next picture is another one, and this one the one before.
@@ -120,6 +128,7 @@ impl Picture {
         if let Some((live, _)) = &mut self.live {
             live.advance();
         }
+        self.exposure.advance();
     }
 
     /// Records the passes from lit pixels to those of a display: film, effects, display. Negative radiance shows as 0,
@@ -136,9 +145,10 @@ impl Picture {
         shown: Shown<'_>,
         effects: &Effects,
     ) -> Result<(), GpuError> {
+        let seen = [lit.shot.tangent, lit.seconds];
         if let Shown::Surfaces(surfaces, quantity) = shown {
             let colors = surfaces.record(frame, lit.strips, quantity)?;
-            return self.finish(frame, colors, &effects.of_colors());
+            return self.finish(frame, colors, seen, &effects.of_colors());
         }
         let (gpu, size) = (frame.gpu, self.size);
         let antialiasing = &effects.temporal_antialiasing;
@@ -157,24 +167,26 @@ impl Picture {
         match shown {
             Shown::Compared(comparison, compared) => {
                 let colors = comparison.record(frame, radiance, self.size, compared)?;
-                self.finish(frame, colors, &compared.effects(effects))
+                self.finish(frame, colors, seen, &compared.effects(effects))
             }
-            _ => self.finish(frame, radiance, effects),
+            _ => self.finish(frame, radiance, seen, effects),
         }
     }
 
-    /// The effects from exposure on.
+    /// The effects from glow on. `tangent`: that of half the vertical field of view, or 0. `seconds`: since the picture
+    /// before, or 0.
     fn finish(
-        &self,
+        &mut self,
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
+        [tangent, seconds]: [f32; 2],
         effects: &Effects,
     ) -> Result<(), GpuError> {
-        self.exposure
-            .record(frame, radiance, self.size, &effects.exposure)?;
+        let size = self.size;
+        let radiance = &(self.glow).record(frame, radiance, size, tangent, &effects.glow)?;
+        (self.exposure).record(frame, radiance, size, tangent, seconds, effects)?;
         let exposure = &self.exposure.value;
-        self.encode
-            .record(frame, radiance, self.size, exposure, effects)
+        (self.encode).record(frame, radiance, size, tangent, exposure, effects)
     }
 
     /// The pixels of the last submitted frame: RGBA, 8 bits per channel, sRGB-encoded, alpha 255, in rows from top to
@@ -233,8 +245,11 @@ fn still<'a>(
     }
 }
 
+/// Tangent of half the vertical field of view, 45 degrees, of pictures whose camera is not known.
+const TANGENT: f32 = 0.414_213_57;
+
 /// The pixels of a picture of `size` pixels on the host, given as three floats of mean radiance per pixel, in rows from
-/// top to bottom. They have the format of [`Picture::pixels`].
+/// top to bottom. They have the format of [`Picture::pixels`]. Effects that depend on the field of view take 45 degrees.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`] when the adapter's textures are smaller, [`GpuError::OutOfMemory`], [`GpuError::Lost`].
@@ -244,38 +259,59 @@ pub fn developed(
     radiance: &[f32],
     effects: &Effects,
 ) -> Result<Vec<u8>, GpuError> {
+    develop(gpu, size, radiance, TANGENT, effects)
+}
+
+/// As [`developed`], of what `camera` saw.
+///
+/// # Errors
+/// As [`developed`].
+pub fn developed_of(
+    gpu: &Gpu,
+    size: [u32; 2],
+    radiance: &[f32],
+    camera: &Camera,
+    effects: &Effects,
+) -> Result<Vec<u8>, GpuError> {
+    let tangent = match camera.projection {
+        Projection::Perspective { vertical_fov } => (vertical_fov / 2.0).tan(),
+        Projection::Orthographic { .. } => 0.0,
+    };
+    develop(gpu, size, radiance, tangent, effects)
+}
+
+fn develop(
+    gpu: &Gpu,
+    size: [u32; 2],
+    radiance: &[f32],
+    tangent: f32,
+    effects: &Effects,
+) -> Result<Vec<u8>, GpuError> {
     if size.contains(&0) {
         return Ok(Vec::new());
     }
-    let picture = Picture::new(gpu, size)?;
-    picture.develop(gpu, radiance, effects)?;
+    let film = film::radiance_32(gpu, size)?;
+    let padded: Vec<[f32; 4]> = radiance
+        .as_chunks::<3>()
+        .0
+        .iter()
+        .map(|&[r, g, b]| [r, g, b, 1.0])
+        .collect();
+    let texture = film.texture();
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(size[0] * 16),
+        rows_per_image: None,
+    };
+    gpu.queue.write_texture(
+        texture.as_image_copy(),
+        bytemuck::cast_slice(&padded),
+        layout,
+        texture.size(),
+    );
+    let mut picture = Picture::new(gpu, size)?;
+    let mut frame = Frame::new(gpu, false);
+    picture.finish(&mut frame, &film, [tangent, 0.0], effects)?;
+    frame.submit()?;
     picture.pixels(gpu)
-}
-
-impl Picture {
-    /// Effects and display of radiance on the host.
-    fn develop(&self, gpu: &Gpu, radiance: &[f32], effects: &Effects) -> Result<(), GpuError> {
-        let film = film::radiance_32(gpu, self.size)?;
-        let padded: Vec<[f32; 4]> = radiance
-            .as_chunks::<3>()
-            .0
-            .iter()
-            .map(|&[r, g, b]| [r, g, b, 1.0])
-            .collect();
-        let texture = film.texture();
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(self.size[0] * 16),
-            rows_per_image: None,
-        };
-        gpu.queue.write_texture(
-            texture.as_image_copy(),
-            bytemuck::cast_slice(&padded),
-            layout,
-            texture.size(),
-        );
-        let mut frame = Frame::new(gpu, false);
-        self.finish(&mut frame, &film, effects)?;
-        frame.submit().map(|_| ())
-    }
 }

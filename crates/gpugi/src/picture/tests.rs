@@ -34,7 +34,7 @@ mod surfaces;
 const WIDTH: usize = 4096;
 
 /// A receiver whose target holds sums of radiance, and whose points nobody reads.
-fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
+pub(super) fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
     let unread = gpu.storage("unread", &[0_u32; 4]).expect("it fits");
     let format = wgpu::TextureFormat::R32Uint;
     let usage = wgpu::TextureUsages::TEXTURE_BINDING;
@@ -54,7 +54,7 @@ fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
 }
 
 /// A picture of strips whose radiance is summed over `samples` samples.
-fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
+pub(super) fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
     Lit {
         strips,
         samples,
@@ -62,8 +62,10 @@ fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
         shot: Shot {
             eye: glam::Vec4::W,
             film_from_world: Default::default(),
+            tangent: TANGENT,
             versions: Default::default(),
         },
+        seconds: 0.0,
     }
 }
 

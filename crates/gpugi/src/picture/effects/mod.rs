@@ -3,8 +3,10 @@
 
 pub mod encode;
 pub mod exposure;
+pub mod glow;
 pub mod temporal_antialiasing;
 pub mod tone_map;
+pub mod vignette;
 
 use crate::settings::{SettingError, SettingSet};
 
@@ -13,6 +15,10 @@ use crate::settings::{SettingError, SettingSet};
 pub struct Effects {
     /// Averages what neighbouring frames saw of the same surfaces. Off by default: a still picture has no frame before it.
     pub temporal_antialiasing: temporal_antialiasing::Settings,
+    /// What the eye scatters. Off by default.
+    pub glow: glow::Settings,
+    /// How a lens darkens corners. Off by default.
+    pub vignette: vignette::Settings,
     /// How bright the picture is shown.
     pub exposure: exposure::Settings,
     /// How its brightness is mapped to that of a display.
@@ -23,8 +29,14 @@ pub struct Effects {
 
 impl Effects {
     /// Names of all effects, in their order.
-    pub const NAMES: [&'static str; 4] =
-        ["temporal-antialiasing", "exposure", "tone-map", "encode"];
+    pub const NAMES: [&'static str; 6] = [
+        "temporal-antialiasing",
+        "glow",
+        "vignette",
+        "exposure",
+        "tone-map",
+        "encode",
+    ];
 
     /// Those of frames in motion: what neighbouring frames saw is averaged.
     pub fn of_live_view() -> Self {
@@ -48,18 +60,22 @@ impl Effects {
         self
     }
 
-    /// As they are, but without exposure, tone map and dither: for colours that mean something, such as errors.
+    /// As they are, but without glow, vignette, exposure, tone map and dither: for colours that mean something, such as errors.
     pub(super) fn of_colors(&self) -> Self {
         let mut effects = self.clone().exposed(0.0).without_dither();
+        effects.glow = glow::Settings::default();
+        effects.vignette = vignette::Settings::default();
         effects.tone_map.operator = tone_map::ToneMap::None;
         effects
     }
 
     /// The settings of each effect, with its name.
-    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 4] {
-        let [temporal, exposure, tone_map, encode] = Self::NAMES;
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 6] {
+        let [temporal, glow, vignette, exposure, tone_map, encode] = Self::NAMES;
         [
             (temporal, &self.temporal_antialiasing),
+            (glow, &self.glow),
+            (vignette, &self.vignette),
             (exposure, &self.exposure),
             (tone_map, &self.tone_map),
             (encode, &self.encode),
@@ -69,8 +85,10 @@ impl Effects {
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
         let index = Self::NAMES.iter().position(|effect| *effect == name)?;
-        let all: [&mut dyn SettingSet; 4] = [
+        let all: [&mut dyn SettingSet; 6] = [
             &mut self.temporal_antialiasing,
+            &mut self.glow,
+            &mut self.vignette,
             &mut self.exposure,
             &mut self.tone_map,
             &mut self.encode,

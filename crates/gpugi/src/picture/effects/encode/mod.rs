@@ -4,6 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use super::Effects;
+use super::vignette::VignetteUniform;
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::shader;
 
@@ -27,6 +28,8 @@ struct EncodingUniform {
     white_point: f32,
     seed: u32,
     dither: u32,
+    padding: [u32; 2],
+    vignette: VignetteUniform,
 }
 
 /// The pass, and the pixels of the last frame.
@@ -65,6 +68,7 @@ impl Pass {
     }
 
     /// Records the pass `picture.encode` for a picture of `size` pixels at an `exposure` value (EV, one float).
+    /// `tangent`: that of half its vertical field of view, or 0.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -73,6 +77,7 @@ impl Pass {
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
         size: [u32; 2],
+        tangent: f32,
         exposure: &wgpu::Buffer,
         effects: &Effects,
     ) -> Result<(), GpuError> {
@@ -83,6 +88,8 @@ impl Pass {
             white_point: effects.tone_map.white_point.max(1e-3),
             seed: effects.encode.seed,
             dither: effects.encode.dither.into(),
+            padding: [0; 2],
+            vignette: VignetteUniform::new(&effects.vignette, size, tangent),
         };
         self.encoding.write(gpu, &[encoding]);
         let resources: [Named<'_>; 4] = [

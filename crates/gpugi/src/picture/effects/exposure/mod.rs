@@ -1,6 +1,9 @@
 //! Exposure: a picture shows `2^EV` times its radiance. EV 0 maps radiance 1 to 1, and a higher EV is brighter. Automatic
 //! exposure maps the log-average luminance to middle grey. The average comes from a histogram and leaves out its darkest
-//! and brightest tenth. docs/effects/display.md has the equations.
+//! and brightest tenth. It may adapt over time, as the eye does. docs/effects/display.md has the equations.
+
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,6 +11,8 @@ use std::str::FromStr;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
+use super::Effects;
+use super::vignette::VignetteUniform;
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
 use crate::settings::{Kind, SettingValue};
 use crate::shader;
@@ -76,6 +81,35 @@ crate::settings! {
     pub struct Settings {
         /// Exposure value (EV), such as -1.5, or auto: the picture is shown at 2^EV times its radiance.
         pub value: Exposure = Exposure::Auto => any().unit("EV"),
+        /// Time in which automatic exposure follows the picture, in times of the eye: 0.1 s where it becomes brighter,
+        /// 0.4 s where it becomes darker; 0: at once.
+        pub adaptation: f32 = 0.0 => in_range(0.0, 100.0),
+    }
+}
+
+/// Times after which the eye's cones and rods have adapted but for 1/e (s): where light becomes brighter, and where it
+/// becomes darker. Durand, Dorsey, "Interactive Tone Mapping", 2000.
+const ADAPTATION_SECONDS: [f32; 2] = [0.1, 0.4];
+
+/// Time constants after which a step of 10 EV has come to 1/300 EV.
+const SETTLED: f32 = 8.0;
+
+impl Settings {
+    /// Time after which what is shown of a picture at rest no longer changes (s).
+    pub fn settling_seconds(&self) -> f32 {
+        match self.value {
+            Exposure::Manual(_) => 0.0,
+            Exposure::Auto => SETTLED * ADAPTATION_SECONDS[1] * self.adaptation,
+        }
+    }
+
+    /// Shares of the difference to the picture before that are left after so many seconds.
+    fn left(&self, seconds: f32) -> [f32; 2] {
+        if seconds > 0.0 && self.adaptation > 0.0 {
+            ADAPTATION_SECONDS.map(|eye| (-seconds / (eye * self.adaptation)).exp())
+        } else {
+            [0.0; 2]
+        }
     }
 }
 
@@ -90,6 +124,11 @@ const PIXELS_PER_INVOCATION: u32 = 16;
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct PictureUniform {
     size: [u32; 2],
+    /// Shares that are left, where the picture becomes brighter and where it becomes darker.
+    left: [f32; 2],
+    vignette: VignetteUniform,
+    is_new: u32,
+    padding: [u32; 3],
 }
 
 /// The passes of automatic exposure, and the exposure of the last frame.
@@ -99,36 +138,68 @@ pub(in crate::picture) struct Pass {
     average: Kernel,
     bins: wgpu::Buffer,
     picture: HostBuffer,
-    /// The exposure value (EV): one float.
+    /// The exposure value (EV), and that of the picture before: two floats.
     pub value: wgpu::Buffer,
+    memory: Memory,
+}
+
+/// What is known of earlier pictures.
+#[derive(Debug, Clone, Copy, Default)]
+struct Memory {
+    /// Whether this picture is recorded, or any before it.
+    is_any: bool,
+    /// Whether there was a picture before this one.
+    is_before: bool,
+    /// Whether this picture is not recorded yet.
+    is_new: bool,
 }
 
 impl Pass {
     pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let shader = shader!("picture.effects.exposure.average");
         let storage = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
-        let uniform = wgpu::BufferUsages::UNIFORM;
+        let (uniform, bytes) = (
+            wgpu::BufferUsages::UNIFORM,
+            size_of::<PictureUniform>() as u64,
+        );
         Ok(Self {
             histogram: Kernel::new(gpu, &shader, "histogram", None)?,
             average: Kernel::new(gpu, &shader, "average", None)?,
             bins: storage("picture.histogram", HISTOGRAM_BYTES)?,
-            picture: HostBuffer::new(gpu, "picture to expose", 8, uniform)?,
-            value: storage("picture.exposure", size_of::<f32>() as u64)?,
+            picture: HostBuffer::new(gpu, "picture to expose", bytes, uniform)?,
+            value: storage("picture.exposure", 2 * size_of::<f32>() as u64)?,
+            memory: Memory::default(),
         })
     }
 
-    /// Brings the exposure value up to date for a picture of `size` pixels: passes `picture.exposure`, if it is automatic.
+    /// Forgets earlier pictures: the next one is exposed for itself.
+    pub fn forget(&mut self) {
+        self.memory = Memory::default();
+    }
+
+    /// Begins another picture.
+    pub fn advance(&mut self) {
+        self.memory.is_new = self.memory.is_any;
+        self.memory.is_before = self.memory.is_any;
+    }
+
+    /// Brings the exposure value up to date for a picture of `size` pixels, `seconds` after the one before, or 0 if that is
+    /// not known: passes `picture.exposure`, if it is automatic. `tangent`: that of half its vertical field of view, or 0.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
     pub fn record(
-        &self,
+        &mut self,
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
         size: [u32; 2],
-        settings: &Settings,
+        tangent: f32,
+        seconds: f32,
+        effects: &Effects,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
+        let settings = &effects.exposure;
+        self.memory.is_any = true;
         if let Exposure::Manual(value) = settings.value {
             let finite = if value.is_nan() {
                 0.0
@@ -138,7 +209,17 @@ impl Pass {
             gpu.write(&self.value, 0, &[finite]);
             return Ok(());
         }
-        self.picture.write(gpu, &[PictureUniform { size }]);
+        let uniform = PictureUniform {
+            size,
+            left: match self.memory.is_before {
+                true => settings.left(seconds),
+                false => [0.0; 2],
+            },
+            vignette: VignetteUniform::new(&effects.vignette, size, tangent),
+            is_new: std::mem::take(&mut self.memory.is_new).into(),
+            padding: [0; 3],
+        };
+        self.picture.write(gpu, &[uniform]);
         let resources: [Named<'_>; 4] = [
             ("radiance_unfilterable", radiance),
             ("picture", &self.picture),
