@@ -90,6 +90,17 @@ impl Lens {
         self.aperture * unit
     }
 
+    /// Radius of an aperture of the same shape on whose edge a point lies (m, from its centre, to the right and up).
+    pub fn edge(&self, point: Vec2) -> f32 {
+        if self.blades == 0 {
+            return point.length();
+        }
+        let part = TAU / self.blades as f32;
+        let along = |side: u32| point.dot(Vec2::from_angle(FRAC_PI_2 + part * (side as f32 + 0.5)));
+        let farthest = (0..self.blades).map(along).fold(0.0, f32::max);
+        farthest / (part / 2.0).cos()
+    }
+
     /// Area of the aperture (m^2).
     pub fn area(&self) -> f32 {
         let square = self.aperture * self.aperture;
@@ -145,6 +156,7 @@ mod tests {
                 let u = Vec2::new((index % count) as f32, (index / count) as f32) + 0.5;
                 let point = lens.sample(u / count as f32);
                 assert!(point.length() <= 2.0 + 1e-5);
+                assert!(lens.edge(point) <= 2.0 + 1e-5);
                 mean += point;
                 square += point.length_squared();
             }

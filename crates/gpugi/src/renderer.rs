@@ -43,6 +43,7 @@ pub struct Renderer {
     moving: Option<Moving>,
     /// How the last sample's picture was seen.
     shot: Option<Shot>,
+    is_through_lens: bool,
     /// Whether the next sample is the first one of the last picture once more.
     is_again: bool,
     /// Time that has passed since effects were last told (s).
@@ -128,6 +129,7 @@ impl Renderer {
             continues: false,
             moving: None,
             shot: None,
+            is_through_lens: false,
             is_again: false,
             passed: 0.0,
             seconds: 0.0,
@@ -513,7 +515,7 @@ impl Renderer {
     ) -> Result<Readiness, LightingError> {
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
-            self.picture.prepare(&self.gpu, &self.scene, effects)?;
+            (self.picture).prepare(&self.gpu, &self.scene, camera, effects)?;
             if frame.awaits_shaders() {
                 return Ok(COMPILING);
             }
@@ -584,7 +586,8 @@ impl Renderer {
         }
         self.samples += 1;
         self.of = of;
-        self.shot = Some(Shot::new(&view, self.size, &self.scene));
+        self.is_through_lens = sees_through_lens;
+        self.shot = Some(Shot::new(&view, camera, self.size, &self.scene));
         if let Some(effects) = effects {
             self.show(frame, Shown::Picture, effects)?;
         }
@@ -608,6 +611,7 @@ impl Renderer {
             strips: &strips,
             samples: self.samples,
             of: self.of,
+            is_through_lens: self.is_through_lens,
             shot,
             seconds: self.seconds,
         };

@@ -7,6 +7,8 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec4};
 
+use gpugi_scene::{Camera, Lens};
+
 use crate::capture::{Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
 use crate::scene::{GpuScene, Versions};
@@ -29,6 +31,12 @@ pub struct Shot {
     pub film_from_world: Mat4,
     /// The eye in world space (m, w = 1), or the unit direction toward it (w = 0).
     pub eye: Vec4,
+    /// The lens.
+    pub lens: Lens,
+    /// Time for which the shutter is open (s).
+    pub shutter: f32,
+    /// Half the height of what the picture shows at the distance of 1 m, or of all that it shows if rays are parallel (m).
+    half_height: f32,
     /// Tangent of half the vertical field of view; 0 if all rays are parallel.
     pub tangent: f32,
     /// Versions of what was seen.
@@ -36,8 +44,8 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// The shot of a picture of `size` pixels in which `view` is a sample.
-    pub fn new(view: &View, size: [u32; 2], scene: &GpuScene) -> Self {
+    /// The shot of a picture of `size` pixels in which `view` is a sample, taken by `camera`.
+    pub fn new(view: &View, camera: &Camera, size: [u32; 2], scene: &GpuScene) -> Self {
         let half = Vec2::new(size[0] as f32, size[1] as f32) / 2.0;
         let [x, y] = (half / view.half_extent).to_array();
         let depth = Vec4::new(0.0, 0.0, -1.0, 0.0);
@@ -64,12 +72,26 @@ impl Shot {
                 true => view.world_from_view.w_axis,
                 false => view.world_from_view.z_axis.normalize(),
             },
+            lens: camera.lens,
+            shutter: camera.shutter,
+            half_height: view.half_extent.y,
             tangent: match view.is_perspective {
                 true => view.half_extent.y,
                 false => 0.0,
             },
             versions: scene.versions,
         }
+    }
+}
+
+impl Shot {
+    /// Pixels per metre in the plane in which the lens sees sharply, of a picture of `size` pixels.
+    pub fn pixels_per_metre(&self, size: [u32; 2]) -> f32 {
+        let distance = match self.tangent > 0.0 {
+            true => self.lens.focus,
+            false => 1.0,
+        };
+        size[1] as f32 / (2.0 * self.half_height * distance)
     }
 }
 

@@ -19,7 +19,7 @@ pub use surfaces::{Quantity, Surfaces};
 
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
 use crate::scene::GpuScene;
-use effects::{encode, exposure, glow, temporal_antialiasing};
+use effects::{depth_of_field, encode, exposure, glow, temporal_antialiasing};
 use film::{Live, Still};
 use gpugi_scene::{Camera, Projection};
 
@@ -41,6 +41,7 @@ pub struct Picture {
     /// Made when a still picture is shown, or a live one.
     still: Option<Still>,
     live: Option<(Live, temporal_antialiasing::Pass)>,
+    depth_of_field: depth_of_field::Pass,
     glow: glow::Pass,
     exposure: exposure::Pass,
     encode: encode::Pass,
@@ -57,6 +58,8 @@ pub struct Lit<'a> {
     pub of: u32,
     /// How it is seen.
     pub shot: Shot,
+    /// Whether its samples see through points of the lens, instead of its middle.
+    pub is_through_lens: bool,
     /// Time between this picture and the one before (s), for what changes over time; 0 if it is not known.
     pub seconds: f32,
 }
@@ -71,6 +74,7 @@ impl Picture {
             size,
             still: None,
             live: None,
+            depth_of_field: depth_of_field::Pass::default(),
             glow: glow::Pass::default(),
             exposure: exposure::Pass::new(gpu)?,
             encode: encode::Pass::new(gpu, size)?,
@@ -90,6 +94,7 @@ impl Picture {
             size,
             still: None,
             live: live.transpose()?,
+            depth_of_field: self.depth_of_field.resized(),
             glow: self.glow.resized(),
             exposure: self.exposure.clone(),
             encode: self.encode.resized(gpu, size)?,
@@ -104,6 +109,7 @@ impl Picture {
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
+        camera: &Camera,
         effects: &Effects,
     ) -> Result<(), GpuError> {
         let radiance = if effects.temporal_antialiasing.is_on() {
@@ -112,6 +118,9 @@ impl Picture {
             &still(&mut self.still, gpu, self.size)?.radiance
         };
         let format = radiance.texture().format();
+        if effects.temporal_antialiasing.is_on() {
+            (self.depth_of_field).prepare(gpu, &camera.lens, &effects.depth_of_field)?;
+        }
         self.glow.prepare(gpu, format, &effects.glow)
     }
 
@@ -120,6 +129,7 @@ impl Picture {
         if let Some((live, _)) = &mut self.live {
             live.forget();
         }
+        self.depth_of_field.forget();
         self.exposure.forget();
     }
 
@@ -156,8 +166,17 @@ impl Picture {
             let (film, blend) = live(&mut self.live, gpu, scene, size)?;
             film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
             let samples = [lit.samples, lit.of];
-            let exposure = &self.exposure.value;
-            blend.record(frame, film, size, samples, exposure, antialiasing)?
+            if lit.is_through_lens {
+                // What frames saw through the middle of the lens is another picture.
+                film.forget();
+                let radiance = &film.radiance;
+                &(self.depth_of_field).fade(frame, radiance, size, samples)?
+            } else {
+                let exposure = &self.exposure.value;
+                let radiance = blend.record(frame, film, size, samples, exposure, antialiasing)?;
+                let settings = &effects.depth_of_field;
+                &(self.depth_of_field).record(frame, radiance, film, &lit.shot, size, settings)?
+            }
         } else {
             let film = still(&mut self.still, gpu, size)?;
             film.record(frame, lit.strips, size[0], lit.samples)?;

@@ -1,6 +1,7 @@
 //! Effects: what happens to a picture between its film and its display, each in a folder with host code, shader,
 //! settings and tests. [`Effects`] holds their settings in the order in which [`super::Picture::record`] applies them.
 
+pub mod depth_of_field;
 pub mod encode;
 pub mod exposure;
 pub mod glow;
@@ -15,6 +16,8 @@ use crate::settings::{SettingError, SettingSet};
 pub struct Effects {
     /// Averages what neighbouring frames saw of the same surfaces. Off by default: a still picture has no frame before it.
     pub temporal_antialiasing: temporal_antialiasing::Settings,
+    /// What a lens does not see sharply, in live pictures. Nothing through a pinhole.
+    pub depth_of_field: depth_of_field::Settings,
     /// What the eye scatters. Off by default.
     pub glow: glow::Settings,
     /// How a lens darkens corners. Off by default.
@@ -29,8 +32,9 @@ pub struct Effects {
 
 impl Effects {
     /// Names of all effects, in their order.
-    pub const NAMES: [&'static str; 6] = [
+    pub const NAMES: [&'static str; 7] = [
         "temporal-antialiasing",
+        "depth-of-field",
         "glow",
         "vignette",
         "exposure",
@@ -70,10 +74,19 @@ impl Effects {
     }
 
     /// The settings of each effect, with its name.
-    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 6] {
-        let [temporal, glow, vignette, exposure, tone_map, encode] = Self::NAMES;
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 7] {
+        let [
+            temporal,
+            depth_of_field,
+            glow,
+            vignette,
+            exposure,
+            tone_map,
+            encode,
+        ] = Self::NAMES;
         [
             (temporal, &self.temporal_antialiasing),
+            (depth_of_field, &self.depth_of_field),
             (glow, &self.glow),
             (vignette, &self.vignette),
             (exposure, &self.exposure),
@@ -85,8 +98,9 @@ impl Effects {
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
         let index = Self::NAMES.iter().position(|effect| *effect == name)?;
-        let all: [&mut dyn SettingSet; 6] = [
+        let all: [&mut dyn SettingSet; 7] = [
             &mut self.temporal_antialiasing,
+            &mut self.depth_of_field,
             &mut self.glow,
             &mut self.vignette,
             &mut self.exposure,
