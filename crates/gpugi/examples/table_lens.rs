@@ -5,9 +5,11 @@
 use std::error::Error;
 use std::ops::ControlFlow;
 
+use glam::{DMat4, DQuat, DVec3, Quat, Vec3};
 use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi::picture::{Effects, ToneMap};
-use gpugi::{Purpose, Renderer};
+use gpugi::{Motion, Purpose, Renderer};
+use gpugi_scene::animation::{Animation, Channel, Interpolation, Node, Property, Rig, Transform};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::{Metric, Picture, compare};
 use gpugi_scene::image::save_png;
@@ -15,6 +17,12 @@ use gpugi_scene::{Camera, Lens, Projection, Scene};
 
 /// Frames before the one that is measured.
 const FRAMES: u32 = 16;
+/// Time of the picture (s), and between frames.
+const TIME: f32 = 1.0;
+const SECONDS: f32 = 1.0 / 60.0;
+const DEGREES_PER_SECOND: f32 = 60.0;
+/// Steps of maps while the shutter is open.
+const STEPS: u32 = 8;
 /// Radius of the image of what is infinitely far, as a part of the picture's height.
 const BLUR: f32 = 0.03;
 
@@ -49,63 +57,151 @@ fn main() -> Result<()> {
     }
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     println!("{}, {}x{}", gpu.adapter.name, size[0], size[1]);
-    println!("| scene | pinhole | depth of field | ratio | pass (ms) |");
-    println!("|---|---|---|---|---|");
-    // A value of 1 must not be reached, and errors count in what is linear.
+    println!("| scene | effect | without | with | ratio | pass (ms) |");
+    println!("|---|---|---|---|---|---|");
+    // Errors count in what is linear.
     effects.tone_map.operator = ToneMap::None;
     for name in names {
         let scene = builtin(&name, 1).ok_or_else(|| format!("{name}: no such scene"))?;
-        let mut renderer = Renderer::new(&gpu, &scene, size, Purpose::LiveView)?;
-        let camera = with_lens(&scene);
-        renderer.converge(&camera, false, |_, _| ControlFlow::Continue(()))?;
-        let mut still = Effects::default().without_dither();
-        renderer.render_sample(&camera, 1, Some(&still), false)?;
-        let exposure = renderer.exposure_value()? - 1.5;
-        still.tone_map.operator = ToneMap::None;
-        let (effects, still) = (effects.clone().exposed(exposure), still.exposed(exposure));
-        renderer.forget();
-        for sample in 1..=samples {
-            let last = (sample == samples).then_some(&still);
-            renderer.render_sample(&camera, samples, last, false)?;
-        }
-        let truth = renderer.pixels()?;
-        let mut sharp = effects.clone();
-        sharp.depth_of_field.samples = 0;
-        let mut errors = Vec::new();
-        let mut times = Vec::new();
-        for (kind, effects) in [("pinhole", &sharp), ("lens", &effects)] {
+        for effect in ["depth-of-field", "motion-blur"] {
+            let (scene, camera) = match effect {
+                "motion-blur" => in_motion(&scene),
+                _ => (scene.clone(), with_lens(&scene)),
+            };
+            let mut renderer = Renderer::new(&gpu, &scene, size, Purpose::LiveView)?;
+            renderer.converge(&camera, false, |_, _| ControlFlow::Continue(()))?;
+            let mut still = Effects::default().without_dither();
+            renderer.render_sample(&camera, 1, Some(&still), false)?;
+            // A value of 1 should not be reached.
+            let exposure = renderer.exposure_value()? - 1.5;
+            still.tone_map.operator = ToneMap::None;
+            let (effects, still) = (effects.clone().exposed(exposure), still.exposed(exposure));
             renderer.forget();
-            for _ in 0..FRAMES {
-                renderer.restart();
-                let frame = renderer.render_sample(&camera, 1, Some(effects), true)?;
-                let passes = frame.wait()?;
-                let passes = passes
-                    .iter()
-                    .filter(|timing| timing.pass == "picture.depth-of-field");
-                times.extend(passes.map(|timing| timing.milliseconds));
+            renderer.set_motion(Motion::seen_by(&camera, &scene, TIME), STEPS)?;
+            for sample in 1..=samples {
+                let last = (sample == samples).then_some(&still);
+                renderer.render_sample(&camera, samples, last, false)?;
             }
-            let pixels = renderer.pixels()?;
-            if let Some(folder) = &save {
-                for (kind, pixels) in [(kind, &pixels), ("truth", &truth)] {
-                    let file = format!("{folder}/{name}-{kind}.png");
-                    save_png(file.as_ref(), size[0], size[1], pixels)?;
+            let truth = renderer.pixels()?;
+            renderer.set_motion(None, STEPS)?;
+            let mut without = effects.clone();
+            without.depth_of_field.samples = 0;
+            without.motion_blur.samples = 0;
+            let mut errors = Vec::new();
+            let mut times = Vec::new();
+            for (kind, effects) in [("without", &without), ("with", &effects)] {
+                renderer.forget();
+                for frame in (0..FRAMES).rev() {
+                    let time = TIME - SECONDS * frame as f32;
+                    let mut posed = scene.clone();
+                    posed.pose(time);
+                    renderer.update(&posed)?;
+                    renderer.pass_time(SECONDS);
+                    let camera = scene.camera_at(&camera, time);
+                    let frame = renderer.render_sample(&camera, 1, Some(effects), true)?;
+                    let passes = frame.wait()?;
+                    let pass = format!("picture.{effect}");
+                    let passes = passes.iter().filter(|timing| timing.pass == pass);
+                    times.extend(passes.map(|timing| timing.milliseconds));
                 }
+                let pixels = renderer.pixels()?;
+                if let Some(folder) = &save {
+                    for (kind, pixels) in [(kind, &pixels), ("truth", &truth)] {
+                        let file = format!("{folder}/{name}-{effect}-{kind}.png");
+                        save_png(file.as_ref(), size[0], size[1], pixels)?;
+                    }
+                }
+                let [test, reference] = [&pixels, &truth]
+                    .map(|pixels| Picture::of_radiance(size[0], size[1], linear(pixels)));
+                errors.push(compare(Metric::RelMse, &test?, &reference?)?.value);
             }
-            let [test, reference] = [&pixels, &truth].map(|pixels| {
-                let radiance: Vec<f32> = linear(pixels);
-                Picture::of_radiance(size[0], size[1], radiance)
-            });
-            errors.push(compare(Metric::RelMse, &test?, &reference?)?.value);
+            times.sort_by(f64::total_cmp);
+            let time = times.get(times.len() / 2).copied().unwrap_or_default();
+            let [without, with] = [errors[0], errors[1]];
+            let ratio = with / without;
+            println!("| {name} | {effect} | {without:.5} | {with:.5} | {ratio:.3} | {time:.3} |");
         }
-        times.sort_by(f64::total_cmp);
-        let time = times.get(times.len() / 2).copied().unwrap_or_default();
-        let ratio = errors[1] / errors[0];
-        println!(
-            "| {name} | {:.5} | {:.5} | {ratio:.3} | {time:.3} |",
-            errors[0], errors[1]
-        );
     }
     Ok(())
+}
+
+/// The scene at [`TIME`] of an animation in which its first camera turns about its middle, and its last instance flies; and
+/// this camera, with a shutter that is open for all the time between frames.
+fn in_motion(scene: &Scene) -> (Scene, Camera) {
+    let mut scene = scene.clone();
+    let center = scene.bounds().center().as_dvec3();
+    let speed = scene.bounds().diagonal() * 0.2;
+    let node = |parent, matrix| Node {
+        parent,
+        rest: Transform::Matrix(matrix),
+        weights: Vec::new(),
+    };
+    let channel = |node, property, times: &[f32], values: &[Vec<f32>]| Channel {
+        node,
+        property,
+        interpolation: Interpolation::Linear,
+        times: times.to_vec(),
+        values: values.concat(),
+    };
+    let middle = DMat4::from_translation(center);
+    let camera = middle.inverse() * scene.cameras[0].world_from_view.as_dmat4();
+    let turned = |second: f32| {
+        let angle = (second - TIME) * DEGREES_PER_SECOND.to_radians();
+        Quat::from_rotation_y(angle).to_array().to_vec()
+    };
+    let seconds = [0.0, 1.0, 2.0, 3.0];
+    let last = scene.instances.len() - 1;
+    let place = scene.instances[last].world_from_mesh;
+    let flown = |second: f32| {
+        let way = (second - TIME) * speed;
+        (place.w_axis.truncate() + Vec3::X * way)
+            .to_array()
+            .to_vec()
+    };
+    let (scale, rotation, translation) = place.as_dmat4().to_scale_rotation_translation();
+    let rest = Transform::Parts {
+        translation,
+        rotation,
+        scale,
+    };
+    scene.rig = Some(Rig {
+        nodes: vec![
+            Node {
+                rest: Transform::Parts {
+                    translation: center,
+                    rotation: DQuat::IDENTITY,
+                    scale: DVec3::ONE,
+                },
+                ..node(None, middle)
+            },
+            node(Some(0), camera),
+            Node {
+                rest,
+                ..node(None, DMat4::IDENTITY)
+            },
+        ],
+        order: vec![0, 1, 2],
+        animations: vec![Animation {
+            name: "motion".to_owned(),
+            duration: 3.0,
+            channels: vec![
+                channel(0, Property::Rotation, &seconds, &seconds.map(turned)),
+                channel(2, Property::Translation, &seconds, &seconds.map(flown)),
+            ],
+        }],
+        ..Rig::default()
+    });
+    for light in &mut scene.lights {
+        light.node = None;
+    }
+    scene.cameras[0].node = Some(1);
+    scene.instances[last].node = Some(2);
+    scene.pose(TIME);
+    let camera = Camera {
+        shutter: SECONDS,
+        ..scene.cameras[0].clone()
+    };
+    (scene, camera)
 }
 
 fn parsed_size(text: &str) -> Option<[u32; 2]> {

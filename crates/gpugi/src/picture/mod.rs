@@ -19,7 +19,7 @@ pub use surfaces::{Quantity, Surfaces};
 
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
 use crate::scene::GpuScene;
-use effects::{depth_of_field, encode, exposure, glow, temporal_antialiasing};
+use effects::{depth_of_field, encode, exposure, glow, motion_blur, temporal_antialiasing};
 use film::{Live, Still};
 use gpugi_scene::{Camera, Projection};
 
@@ -42,6 +42,7 @@ pub struct Picture {
     still: Option<Still>,
     live: Option<(Live, temporal_antialiasing::Pass)>,
     depth_of_field: depth_of_field::Pass,
+    motion_blur: motion_blur::Pass,
     glow: glow::Pass,
     exposure: exposure::Pass,
     encode: encode::Pass,
@@ -75,6 +76,7 @@ impl Picture {
             still: None,
             live: None,
             depth_of_field: depth_of_field::Pass::default(),
+            motion_blur: motion_blur::Pass::default(),
             glow: glow::Pass::default(),
             exposure: exposure::Pass::new(gpu)?,
             encode: encode::Pass::new(gpu, size)?,
@@ -95,6 +97,7 @@ impl Picture {
             still: None,
             live: live.transpose()?,
             depth_of_field: self.depth_of_field.resized(),
+            motion_blur: self.motion_blur.resized(),
             glow: self.glow.resized(),
             exposure: self.exposure.clone(),
             encode: self.encode.resized(gpu, size)?,
@@ -120,6 +123,7 @@ impl Picture {
         let format = radiance.texture().format();
         if effects.temporal_antialiasing.is_on() {
             (self.depth_of_field).prepare(gpu, &camera.lens, &effects.depth_of_field)?;
+            (self.motion_blur).prepare(gpu, camera.shutter, &effects.motion_blur)?;
         }
         self.glow.prepare(gpu, format, &effects.glow)
     }
@@ -175,7 +179,15 @@ impl Picture {
                 let exposure = &self.exposure.value;
                 let radiance = blend.record(frame, film, size, samples, exposure, antialiasing)?;
                 let settings = &effects.depth_of_field;
-                &(self.depth_of_field).record(frame, radiance, film, &lit.shot, size, settings)?
+                let radiance = &(self.depth_of_field)
+                    .record(frame, radiance, film, &lit.shot, size, settings)?;
+                // At rest nothing moves, and while no time passes nobody knows how far.
+                let time = match lit.of <= 1 && lit.seconds > 0.0 {
+                    true => lit.shot.shutter / lit.seconds,
+                    false => 0.0,
+                };
+                let settings = &effects.motion_blur;
+                &(self.motion_blur).record(frame, radiance, film, time, size, settings)?
             }
         } else {
             let film = still(&mut self.still, gpu, size)?;

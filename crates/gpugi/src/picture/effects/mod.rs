@@ -5,6 +5,7 @@ pub mod depth_of_field;
 pub mod encode;
 pub mod exposure;
 pub mod glow;
+pub mod motion_blur;
 pub mod temporal_antialiasing;
 pub mod tone_map;
 pub mod vignette;
@@ -18,6 +19,8 @@ pub struct Effects {
     pub temporal_antialiasing: temporal_antialiasing::Settings,
     /// What a lens does not see sharply, in live pictures. Nothing through a pinhole.
     pub depth_of_field: depth_of_field::Settings,
+    /// What moves while the shutter is open, in live pictures. Nothing if it is not open for any time.
+    pub motion_blur: motion_blur::Settings,
     /// What the eye scatters. Off by default.
     pub glow: glow::Settings,
     /// How a lens darkens corners. Off by default.
@@ -32,9 +35,10 @@ pub struct Effects {
 
 impl Effects {
     /// Names of all effects, in their order.
-    pub const NAMES: [&'static str; 7] = [
+    pub const NAMES: [&'static str; 8] = [
         "temporal-antialiasing",
         "depth-of-field",
+        "motion-blur",
         "glow",
         "vignette",
         "exposure",
@@ -74,10 +78,11 @@ impl Effects {
     }
 
     /// The settings of each effect, with its name.
-    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 7] {
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 8] {
         let [
             temporal,
             depth_of_field,
+            motion_blur,
             glow,
             vignette,
             exposure,
@@ -87,6 +92,7 @@ impl Effects {
         [
             (temporal, &self.temporal_antialiasing),
             (depth_of_field, &self.depth_of_field),
+            (motion_blur, &self.motion_blur),
             (glow, &self.glow),
             (vignette, &self.vignette),
             (exposure, &self.exposure),
@@ -98,9 +104,10 @@ impl Effects {
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
         let index = Self::NAMES.iter().position(|effect| *effect == name)?;
-        let all: [&mut dyn SettingSet; 7] = [
+        let all: [&mut dyn SettingSet; 8] = [
             &mut self.temporal_antialiasing,
             &mut self.depth_of_field,
+            &mut self.motion_blur,
             &mut self.glow,
             &mut self.vignette,
             &mut self.exposure,
