@@ -497,7 +497,9 @@ fn render_reference(
             Some(effects) => {
                 let radiance = tracer.radiance()?;
                 let size = arguments.size;
-                Image::Pixels(picture::developed_of(gpu, size, &radiance, camera, effects)?)
+                Image::Pixels(picture::developed_of(
+                    gpu, size, &radiance, camera, effects,
+                )?)
             }
             None => Image::Radiance(tracer.radiance()?),
         },
