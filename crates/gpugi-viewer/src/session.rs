@@ -471,7 +471,8 @@ impl Session {
         let mut shown = Shown::default();
         let is_displayed = self.displayed == to_display && !is_truth_new;
         // Time that a picture at rest stays on show is not time between it and the next one.
-        let is_idle = renderer.samples() >= wanted && is_displayed && is_settled;
+        let is_current = is_displayed && is_settled;
+        let is_idle = renderer.samples() >= wanted && is_current;
         if !self.is_held && !is_idle {
             renderer.pass_time(seconds.min(LONGEST_FRAME));
         }
@@ -519,7 +520,7 @@ impl Session {
             if is_usable && self.camera.wants_target() && self.middle.is_none() {
                 self.middle = point_at(renderer, [0.5, 0.5]);
             }
-        } else if !(is_displayed && is_settled) && !is_late {
+        } else if !is_current && !is_late {
             shown.is_new = true;
             if is_plain {
                 renderer.display(Source::Picture, &effects)?;
