@@ -22,6 +22,8 @@ use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
 use crate::truth::Truth;
 
+/// Time that passes at most from frame to frame for the camera and for effects (s).
+const LONGEST_FRAME: f32 = 0.1;
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
 /// While maps are refined at rest, the time between two pictures is this multiple of what a picture takes, within these
@@ -415,7 +417,7 @@ impl Session {
         if self.clock.is_playing && !self.is_held {
             self.pose(self.clock.seconds + seconds.min(0.25))?;
         }
-        let is_steered = !self.is_held && self.camera.advance(seconds.min(0.1));
+        let is_steered = !self.is_held && self.camera.advance(seconds.min(LONGEST_FRAME));
         let is_moving = is_steered | self.is_edited;
         self.is_edited = false;
         self.at_rest = if is_moving {
@@ -436,13 +438,7 @@ impl Session {
             self.unchanged = f32::INFINITY;
         }
         if is_moving || self.readiness != Readiness::Ready {
-            match self.is_held {
-                true => renderer.begin_again(),
-                false => renderer.restart(),
-            }
-        }
-        if !self.is_held {
-            renderer.pass_time(seconds);
+            restart(renderer, self.is_held);
         }
         self.pass_times.update();
         let is_truth_new = self.follow_truth(is_moving_still, seconds)?;
@@ -455,6 +451,7 @@ impl Session {
         if self.is_held {
             effects.temporal_antialiasing.frames = 1;
         }
+        let is_settled = self.is_settled();
         let renderer = &mut self.loaded.renderer;
         let reference = self.truth.as_ref().and_then(Truth::reference);
         let comparison = reference.map(|reference| &reference.comparison);
@@ -472,9 +469,13 @@ impl Session {
             quantity,
         );
         let mut shown = Shown::default();
-        let is_settled = self.is_settled();
-        let renderer = &mut self.loaded.renderer;
-        let is_displayed = self.displayed == to_display && !is_truth_new && is_settled;
+        let is_displayed = self.displayed == to_display && !is_truth_new;
+        // Time that a picture at rest stays on show is not time between it and the next one.
+        let is_current = is_displayed && is_settled;
+        let is_idle = renderer.samples() >= wanted && is_current;
+        if !self.is_held && !is_idle {
+            renderer.pass_time(seconds.min(LONGEST_FRAME));
+        }
         // At rest, maps need not wait for pictures that are soon replaced.
         let is_refining = matches!(self.readiness, Readiness::Refining { .. });
         let [least, most] = MAPS_SECONDS;
@@ -492,7 +493,7 @@ impl Session {
         } else if makes_maps {
             renderer.set_budget(self.pace.budget(Purpose::Maps));
             self.readiness = renderer.try_converge(&self.camera.camera())?;
-            renderer.restart();
+            restart(renderer, self.is_held);
             self.was_for = Some(Purpose::Maps);
         } else if renderer.samples() < wanted {
             let is_timed = self.is_timed && self.pass_times.wants_more();
@@ -519,7 +520,7 @@ impl Session {
             if is_usable && self.camera.wants_target() && self.middle.is_none() {
                 self.middle = point_at(renderer, [0.5, 0.5]);
             }
-        } else if !is_displayed && !is_late {
+        } else if !is_current && !is_late {
             shown.is_new = true;
             if is_plain {
                 renderer.display(Source::Picture, &effects)?;
@@ -596,6 +597,14 @@ impl Session {
         }
         frame.submit()?;
         Ok(())
+    }
+}
+
+/// Begins another picture, or the same one again while time stands still.
+fn restart(renderer: &mut Renderer, is_held: bool) {
+    match is_held {
+        true => renderer.begin_again(),
+        false => renderer.restart(),
     }
 }
 

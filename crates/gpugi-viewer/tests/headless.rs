@@ -7,6 +7,7 @@ use std::path::Path;
 use gpugi::gpu::{AdapterChoice, Gpu, Shader, all_shaders};
 use gpugi::picture::{Compared, developed};
 use gpugi::reference::{PathTracer, Progress, Settings};
+use gpugi::scene::Edit;
 use gpugi::{Readiness, Renderer};
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
@@ -17,7 +18,7 @@ use gpugi_viewer::arguments::of_view_file;
 use gpugi_viewer::command::{command, view_file};
 use gpugi_viewer::headless::{self, Frames};
 use gpugi_viewer::pace::Purpose;
-use gpugi_viewer::recording::Recording;
+use gpugi_viewer::recording::{Recording, STEP_SECONDS};
 use gpugi_viewer::script::Script;
 use gpugi_viewer::session::{Pick, Session};
 use gpugi_viewer::technique_set::TechniqueSet;
@@ -324,6 +325,46 @@ fn a_window_records_complete_frames_at_fixed_times() {
         assert!(most <= Some(2), "{most:?}");
     }
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Frames of a recording are 1/60 s apart, however long each takes and however many samples it has. In between, a window
+/// at rest goes on until the exposure has adapted.
+#[test]
+fn exposure_adapts_by_the_time_of_a_recording() {
+    let Some(gpu) = open() else { return };
+    let mut viewer = Viewer::new(&gpu, start("room", &["shadow-map"]), || {});
+    viewer.finish_opening().unwrap();
+    let session = viewer.session().unwrap();
+    session.samples = 2;
+    session.pace.is_adaptive = false;
+    session.effects.exposure.adaptation = 1.0;
+    let exposure = |session: &Session| session.loaded().renderer.exposure_value().unwrap();
+    frames_until(session, |session| session.is_complete());
+    let before = exposure(session);
+    let mut light = session.loaded().scene().lights[0].clone();
+    light.intensity *= 8.0;
+    session.is_held = false;
+    session.edit(&Edit::Light { index: 0, light }).unwrap();
+    let mut adapted = Vec::new();
+    for _ in 0..8 {
+        session.frame(SIZE, STEP_SECONDS).unwrap();
+        session.is_held = true;
+        frames_until(session, |session| session.is_complete());
+        session.is_held = false;
+        adapted.push(exposure(session));
+    }
+    frames_until(session, |session| session.is_complete());
+    let after = exposure(session);
+    assert!(before - after > 1.0, "{before} to {after}");
+    println!("{before} {after} {adapted:?}");
+    for (step, found) in adapted.into_iter().enumerate() {
+        let left = (-(step as f32 + 1.0) * STEP_SECONDS / 0.1).exp();
+        let expected = after + (before - after) * left;
+        assert!(
+            (found - expected).abs() < 0.05,
+            "{step}: {found}, not {expected}"
+        );
+    }
 }
 
 #[test]

@@ -526,7 +526,7 @@ impl Renderer {
         // Live pictures of one sample each continue those before them; others are as if there were none.
         let continues = remembers && of <= 1;
         if std::mem::replace(&mut self.continues, continues) && !continues {
-            self.restart();
+            self.begin_again();
         }
         let index = match continues {
             true => self.first_sample,

@@ -15,7 +15,7 @@ const POINTS: u32 = 4;
 
 /// Point spread function of an eye that is adapted to daylight, per steradian, at an angle of `degrees` from the light.
 /// Its integral over the half space is 1. Spencer, Shirley, Zimmerman, Greenberg, "Physically-Based Glare Effects for
-/// Digital Images", SIGGRAPH 1995, section 4: with t in degrees,
+/// Digital Images", SIGGRAPH 1995: with t in degrees,
 ///
 /// P(t) = 0.384 f0 + 0.478 f1 + 0.138 f2, f0 = 2.61e6 exp(-(t / 0.02)^2), f1 = 20.91 / (t + 0.02)^3,
 /// f2 = 72.37 / (t + 0.02)^2.

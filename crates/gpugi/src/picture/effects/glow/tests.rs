@@ -1,9 +1,11 @@
 //! Glow against the eye's point spread function, and what must not change: the sum of all light.
 
+use std::f64::consts::TAU;
+
 use gpugi_scene::builtin::builtin;
 use half::f16;
 
-use super::scattering::{kernel, share_of_pixel, weights};
+use super::scattering::{kernel, point_spread, share_of_pixel, weights};
 use super::*;
 use crate::Renderer;
 use crate::gpu::read_texture;
@@ -118,6 +120,23 @@ fn light_falls_off_as_in_the_eye() {
     }
 }
 
+/// So its constants are those of the paper: each of its three parts has the integral 1.
+#[test]
+fn the_function_keeps_all_light() {
+    const STEPS: u32 = 100_000;
+    // Steps grow with the angle, as t = 90 x^4 degrees.
+    let integral: f64 = (0..STEPS)
+        .map(|step| {
+            let x = (f64::from(step) + 0.5) / f64::from(STEPS);
+            let (degrees, width) = (90.0 * x.powi(4), 360.0 * x.powi(3) / f64::from(STEPS));
+            point_spread(degrees) * TAU * degrees.to_radians().sin() * width.to_radians()
+        })
+        .sum();
+    assert_near(integral, 1.0, 0.001, "the integral over the half space");
+    // 0.478 * 20.91 / 1.02^3 + 0.138 * 72.37 / 1.02^2.
+    assert_near(point_spread(1.0), 19.018, 1e-3, "1 degree");
+}
+
 /// Of all sizes of pixels that views have, from a telescope to 120 degrees.
 #[test]
 fn weights_fit_the_function() {
@@ -138,10 +157,7 @@ fn weights_fit_the_function() {
         let kernels: Vec<_> = (0..=count).map(kernel).collect();
         let weights: Vec<f64> = std::iter::once(found.near).chain(found.levels).collect();
         let mut worst = 0.0_f64;
-        for distance in (2..=count * 4).map(|quarter| (f64::from(quarter) / 4.0).exp2() as u32) {
-            if distance < 2 {
-                continue;
-            }
+        for distance in (4..=count * 4).map(|quarter| (f64::from(quarter) / 4.0).exp2() as u32) {
             let sum: f64 = (kernels.iter().zip(&weights))
                 .map(|(kernel, weight)| {
                     weight * kernel[0] * kernel.get(distance as usize).unwrap_or(&0.0)
