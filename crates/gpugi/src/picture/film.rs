@@ -36,7 +36,7 @@ pub struct Shot {
     /// Time for which the shutter is open (s).
     pub shutter: f32,
     /// Half the height of what the picture shows at the distance of 1 m, or of all that it shows if rays are parallel (m).
-    half_height: f32,
+    pub half_height: f32,
     /// Tangent of half the vertical field of view; 0 if all rays are parallel.
     pub tangent: f32,
     /// Versions of what was seen.

@@ -62,9 +62,13 @@ pub(super) fn lit<'a>(strips: &'a [Strip<'a>], samples: u32) -> Lit<'a> {
         shot: Shot {
             eye: glam::Vec4::W,
             film_from_world: Default::default(),
+            lens: Default::default(),
+            shutter: 0.0,
+            half_height: TANGENT,
             tangent: TANGENT,
             versions: Default::default(),
         },
+        is_through_lens: false,
         seconds: 0.0,
     }
 }

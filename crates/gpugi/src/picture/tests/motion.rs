@@ -64,12 +64,12 @@ impl Seen {
             capture
                 .record(&mut frame, &on_gpu, &view, |draw| draw.seen)
                 .unwrap();
-            let shot = Shot::new(&view, SIZE, &on_gpu);
+            let shot = Shot::new(&view, &camera, SIZE, &on_gpu);
             let lit = Lit {
                 shot,
                 ..lit(&strips, 1)
             };
-            picture.prepare(gpu, &on_gpu, &effects).unwrap();
+            picture.prepare(gpu, &on_gpu, &camera, &effects).unwrap();
             picture.advance();
             picture
                 .record(&mut frame, &on_gpu, lit, Shown::Picture, &effects)
