@@ -41,7 +41,6 @@ struct Kernels {
     in_tiles: Kernel,
     around: Kernel,
     gather: Kernel,
-    between: wgpu::Sampler,
 }
 
 /// What pictures of one size need.
@@ -68,12 +67,6 @@ impl Kernels {
             in_tiles: kernel(shader!("picture.effects.motion_blur.in_tiles"))?,
             around: kernel(shader!("picture.effects.motion_blur.around"))?,
             gather: kernel(shader!("picture.effects.motion_blur.gather"))?,
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("between pixels"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
         })
     }
 }
@@ -82,7 +75,7 @@ impl Images {
     fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let [across, down] = size.map(|side| side.div_ceil(TILE));
         let ways = |label| {
-            let bytes = u64::from(across * down) * 8;
+            let bytes = u64::from(across * down) * 24;
             gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE)
         };
         let half_floats = wgpu::TextureFormat::Rgba16Float;
@@ -162,22 +155,22 @@ impl Pass {
                 seed: self.frames,
             }],
         );
-        let of_tiles: [Named<'_>; 3] = [
+        let of_tiles: [Named<'_>; 4] = [
             ("motion", &film.motion),
+            ("surfaces", &film.now().surfaces),
             ("opened", &images.shutter),
             ("found", &images.in_tiles),
         ];
         let of_around: [Named<'_>; 3] = [
-            ("fastest", &images.in_tiles),
+            ("in_tiles", &images.in_tiles),
             ("opened", &images.shutter),
             ("found", &images.around),
         ];
-        let of_gather: [Named<'_>; 7] = [
+        let of_gather: [Named<'_>; 6] = [
             ("radiance", radiance),
             ("surfaces", &film.now().surfaces),
             ("motion", &film.motion),
-            ("between", &kernels.between),
-            ("fastest", &images.around),
+            ("around", &images.around),
             ("opened", &images.shutter),
             ("blurred", &images.blurred),
         ];
