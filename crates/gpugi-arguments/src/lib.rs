@@ -116,17 +116,28 @@ impl DisplayArguments {
             .map_err(|error| Usage(format!("--exposure {}: {error}", self.exposure)))?;
         (effects.tone_map.set("operator", &self.tone_map))
             .map_err(|error| Usage(format!("--tone-map {}: {error}", self.tone_map)))?;
-        let mut rest = Vec::new();
-        for ([name, key, value], setting) in split_settings(set)?.into_iter().zip(set) {
-            match effects.set(name, key, value) {
-                Some(done) => {
-                    done.map_err(|error| Usage(format!("--set {setting}: {error}")))?;
-                }
-                None => rest.push(setting.clone()),
-            }
-        }
-        Ok((effects, rest))
+        with_settings(effects, set)
     }
+}
+
+/// Effects, changed by the options of `--set` that name one; and the rest of these options.
+///
+/// # Errors
+/// [`Usage`], which names the option.
+pub fn with_settings(
+    mut effects: Effects,
+    set: &[String],
+) -> anyhow::Result<(Effects, Vec<String>)> {
+    let mut rest = Vec::new();
+    for ([name, key, value], setting) in split_settings(set)?.into_iter().zip(set) {
+        match effects.set(name, key, value) {
+            Some(done) => {
+                done.map_err(|error| Usage(format!("--set {setting}: {error}")))?;
+            }
+            None => rest.push(setting.clone()),
+        }
+    }
+    Ok((effects, rest))
 }
 
 #[cfg(test)]

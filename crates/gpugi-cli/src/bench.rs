@@ -11,7 +11,7 @@ use gpugi::picture::Effects;
 use gpugi::scene::Edit;
 use gpugi::techniques::Figure;
 use gpugi::{Purpose, Renderer, Techniques};
-use gpugi_arguments::technique_names;
+use gpugi_arguments::{technique_names, with_settings};
 use gpugi_scene::Camera;
 
 use crate::output::{median, write_json};
@@ -21,6 +21,9 @@ use crate::{Common, Usage, bench_edits, bench_path_tracer, bench_rays};
 
 /// Most frames that the GPU is given before the first of them is done: enough that it never waits for the host.
 const MOST_IN_FLIGHT: usize = 16;
+
+/// Time between frames, as effects are told (s).
+const FRAME_SECONDS: f32 = 1.0 / 60.0;
 
 /// Options of `gpugi bench`.
 #[derive(Debug, clap::Args)]
@@ -38,8 +41,11 @@ pub struct Arguments {
     /// the best real-time set)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     technique: Vec<String>,
-    /// A technique's setting (repeatable)
-    #[arg(long, value_name = "technique.key=value")]
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;fov=DEG;aperture=M;focus=M;shutter=S"
+    #[arg(long)]
+    camera: Option<String>,
+    /// A setting of a technique or an effect (repeatable)
+    #[arg(long, value_name = "name.key=value")]
     set: Vec<String>,
     /// In frames that rebuild maps, move only the casters; maps that depend only on environment or lights are kept
     #[arg(long)]
@@ -208,7 +214,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let gpu = Gpu::open(&common.adapter)?;
         return bench_rays::run(&gpu, &scene, size, arguments.json.as_deref());
     }
-    let camera = scene_argument::camera(&scene, None, size[0] as f32 / size[1] as f32)?;
+    let aspect = size[0] as f32 / size[1] as f32;
+    let camera = scene_argument::camera(&scene, arguments.camera.as_deref(), aspect)?;
+    let live = Effects::of_live_view().exposed(0.0);
+    let (effects, set) = with_settings(live, &arguments.set)?;
     let gpu = Gpu::open(&common.adapter)?;
     if is_path_tracer(&arguments.technique)? {
         return bench_path_tracer::run(
@@ -218,7 +227,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             &camera,
             size,
             arguments.frames,
-            &path_tracer_settings(&arguments.set)?,
+            &path_tracer_settings(&set)?,
             arguments.json.as_deref(),
         );
     }
@@ -227,8 +236,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         None => Techniques::Default(Purpose::LiveView),
     };
     let mut renderer = Renderer::new(&gpu, &scene, size, techniques).map_err(usage)?;
-    apply_settings(&mut renderer, &arguments.set)?;
-    let effects = Effects::of_live_view().exposed(0.0);
+    apply_settings(&mut renderer, &set)?;
     if arguments.moving_light && scene.lights.is_empty() {
         let message = format!("--moving-light: {name} has no punctual light");
         return Err(Usage(message).into());
@@ -238,6 +246,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let mut frame = |renderer: &mut Renderer, dynamic: bool, timed: bool| {
         let began = Instant::now();
         renderer.restart();
+        renderer.pass_time(FRAME_SECONDS);
         if dynamic && arguments.moving_light {
             moves += 1;
             let mut light = scene.lights[0].clone();
