@@ -1,6 +1,6 @@
 //! The camera's lens and shutter.
 
-use eframe::egui::{ComboBox, Slider, SliderClamping, Ui};
+use eframe::egui::{CollapsingHeader, ComboBox, Slider, SliderClamping, Ui};
 
 use crate::session::Session;
 
@@ -11,6 +11,10 @@ const LONGEST_SHUTTER: f32 = 0.1;
 
 /// Aperture, focus, blades and shutter.
 pub fn lens(ui: &mut Ui, session: &mut Session) {
+    CollapsingHeader::new("Lens and shutter").show(ui, |ui| controls(ui, session));
+}
+
+fn controls(ui: &mut Ui, session: &mut Session) {
     let camera = &mut session.camera;
     let mut aperture = camera.lens().aperture;
     let largest = camera.largest_aperture();
