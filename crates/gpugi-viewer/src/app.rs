@@ -379,10 +379,11 @@ impl App {
         for (purpose, point) in session.picked() {
             match (purpose, point) {
                 (Pick::Focus, Some(point)) => session.camera.focus(point.position),
+                (Pick::Sharpen, Some(point)) => session.camera.sharpen(point.position),
                 (Pick::Select, point) => {
                     self.selected = point.map(|point| Selected::Object(point.instance as usize));
                 }
-                (Pick::Focus, None) => {}
+                (Pick::Focus | Pick::Sharpen, None) => {}
             }
             ui.ctx().request_repaint();
         }
@@ -607,7 +608,13 @@ fn steer(ui: &Ui, response: &egui::Response, session: &mut Session, seconds: f32
         if response.double_clicked() {
             session.pick(Pick::Focus, [place.x, place.y]);
         } else if response.clicked() {
-            session.pick(Pick::Select, [place.x, place.y]);
+            let is_asked = ui.input(|input| input.modifiers.command) || session.is_focusing;
+            session.is_focusing = false;
+            let purpose = match is_asked && !session.camera.lens().is_pinhole() {
+                true => Pick::Sharpen,
+                false => Pick::Select,
+            };
+            session.pick(purpose, [place.x, place.y]);
         }
     }
 }

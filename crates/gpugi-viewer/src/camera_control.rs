@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::ops::Add;
 
 use glam::{Mat3, Mat4, Vec2, Vec3, Vec3Swizzles};
-use gpugi_scene::{Bounds, Camera, Lens, Projection, Scene};
+use gpugi_scene::{Bounds, Camera, Lens, Projection, Scene, lens};
 
 /// Steepest angle against the horizon (rad): beyond straight up or down, the picture would stand on its head.
 const STEEPEST: f32 = FRAC_PI_2;
@@ -14,8 +14,11 @@ const STEEPEST: f32 = FRAC_PI_2;
 const DAMPING_SECONDS: f32 = 0.06;
 /// Perspective cameras keep their vertical field of view between these (rad).
 const FIELDS_OF_VIEW: [f32; 2] = [0.05, 2.4];
+/// Largest aperture that is offered, and least and most focus, as parts of the scene's size.
+const APERTURE: f32 = 0.05;
+const FOCUS: [f32; 2] = [1e-3, 10.0];
 
-/// Where the camera stands and what it looks at.
+/// Where the camera stands, what it looks at, and how.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Viewpoint {
     /// World space (m).
@@ -28,6 +31,10 @@ struct Viewpoint {
     pitch: f32,
     /// Vertical field of view (rad), or the height of a parallel projection's volume (m).
     opening: f32,
+    /// Changes at once.
+    lens: Lens,
+    /// Changes at once (s).
+    shutter: f32,
 }
 
 impl Viewpoint {
@@ -66,6 +73,8 @@ impl Viewpoint {
             yaw: self.yaw + (goal.yaw - self.yaw) * part,
             pitch: self.pitch + (goal.pitch - self.pitch) * part,
             opening: self.opening + (goal.opening - self.opening) * part,
+            lens: goal.lens,
+            shutter: goal.shutter,
         }
     }
 
@@ -80,15 +89,15 @@ impl Viewpoint {
 /// A camera that people steer.
 #[derive(Debug, Clone)]
 pub struct CameraControl {
-    /// The scene's camera, exactly as it is, until somebody steers.
+    /// The scene's camera, exactly where it is, until somebody steers. Its lens and its shutter may be others.
     untouched: Option<Camera>,
     /// Whether nobody has said yet what it orbits around.
     is_target_guessed: bool,
     shown: Viewpoint,
     goal: Viewpoint,
     is_parallel: bool,
-    lens: Lens,
-    shutter: f32,
+    /// The lens that it had last, to be opened again.
+    opened: Option<Lens>,
     /// Size of the scene, by which it zooms and flies (m).
     diagonal: f32,
 }
@@ -104,8 +113,7 @@ impl CameraControl {
             shown: viewpoint,
             goal: viewpoint,
             is_parallel: matches!(camera.projection, Projection::Orthographic { .. }),
-            lens: camera.lens,
-            shutter: camera.shutter,
+            opened: (!camera.lens.is_pinhole()).then_some(camera.lens),
             diagonal: size_of(bounds),
         }
     }
@@ -136,16 +144,23 @@ impl CameraControl {
         let distance = seen.map(|point| (eye - point).dot(backward));
         let distance = distance.filter(|distance| *distance > 0.0 && distance.is_finite());
         if let (Some(distance), true) = (distance, is_wanted) {
-            self.goal.distance = distance;
-            self.goal.target = eye - distance * backward;
-            self.shown = self.goal;
+            // All else that the goal holds is shown by the next frame.
+            for viewpoint in [&mut self.goal, &mut self.shown] {
+                viewpoint.distance = distance;
+                viewpoint.target = eye - distance * backward;
+            }
         }
     }
 
     /// The camera of this frame.
     pub fn camera(&self) -> Camera {
+        let Viewpoint { lens, shutter, .. } = self.shown;
         if let Some(camera) = &self.untouched {
-            return camera.clone();
+            return Camera {
+                lens,
+                shutter,
+                ..camera.clone()
+            };
         }
         let axes = self.shown.axes();
         let opening = self.shown.opening;
@@ -164,39 +179,65 @@ impl CameraControl {
                     vertical_fov: opening,
                 }
             },
-            lens: self.lens,
-            shutter: self.shutter,
+            lens,
+            shutter,
             node: None,
         }
     }
 
-    /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's cameras. None for
-    /// what that cannot say.
+    /// The camera as an argument of `gpugi render --camera`: its name, if it is one of the scene's cameras, and what is
+    /// not as that has it. None for what an argument cannot say.
     pub fn argument(&self, scene: &Scene) -> Option<String> {
-        let of_scene =
-            |camera: &&Camera| scene.cameras.iter().any(|known| known.name == camera.name);
-        if let Some(camera) = self.untouched.as_ref().filter(of_scene) {
-            return Some(camera.name.to_string());
+        let goal = &self.goal;
+        let named = self.untouched.as_ref().and_then(|camera| {
+            let mut known = scene.cameras.iter().enumerate();
+            known.find(|(_, known)| known.name == camera.name)
+        });
+        if let Some((index, known)) = named {
+            let mut changes = lens_in_words(goal, known.lens, known.shutter);
+            if let (true, Some(camera)) = (!self.is_parallel, &self.untouched)
+                && camera.projection != known.projection
+            {
+                changes += &format!(";fov={}", degrees_in_words(goal.opening));
+            }
+            let name = known.name.as_str();
+            // As a part of an argument, a name is read to the next semicolon, without spaces around it.
+            let is_readable = !name.contains(';') && name.trim() == name;
+            return Some(match (changes.as_str(), is_readable) {
+                ("", _) => name.to_owned(),
+                (_, true) => format!("from={name}{changes}"),
+                (_, false) => format!("from={index}{changes}"),
+            });
         }
         if self.is_parallel {
             return None;
         }
-        let eye = match &self.untouched {
-            Some(camera) => camera.world_from_view.w_axis.truncate(),
-            None => self.goal.eye(),
-        };
-        let target = self.goal.target;
+        let (eye, _) = self.eye_and_backward();
+        let target = goal.target;
         let mut words = format!(
             "eye={};target={}",
             in_words(scene.in_file(eye)),
             in_words(scene.in_file(target))
         );
-        let axes = self.goal.axes();
+        let axes = goal.axes();
         // Near the vertical, eye and target do not say what is up.
         if axes.z_axis.y.abs() > 0.99 {
             words += &format!(";up={}", in_words(axes.y_axis));
         }
-        Some(words + &format!(";fov={}", degrees_in_words(self.goal.opening)))
+        words += &format!(";fov={}", degrees_in_words(goal.opening));
+        Some(words + &lens_in_words(goal, Lens::PINHOLE, 0.0))
+    }
+
+    /// Where it will stand, and the unit vector away from what it will look at (world space (m)).
+    fn eye_and_backward(&self) -> (Vec3, Vec3) {
+        match &self.untouched {
+            Some(camera) => {
+                let [backward, eye] =
+                    [2, 3].map(|axis| camera.world_from_view.col(axis).truncate());
+                (eye, backward.normalize_or(Vec3::Z))
+            }
+            None => (self.goal.eye(), self.goal.backward()),
+        }
     }
 
     /// Moves toward the goal for `seconds`. Returns whether the camera moves.
@@ -288,6 +329,62 @@ impl CameraControl {
         let [least, most] = FIELDS_OF_VIEW;
         self.goal.opening = degrees.to_radians().clamp(least, most);
     }
+
+    /// The lens.
+    pub fn lens(&self) -> Lens {
+        self.goal.lens
+    }
+
+    /// Sets the lens, and moves nothing. A lens that cannot be changes nothing.
+    pub fn set_lens(&mut self, lens: Lens) {
+        if let Ok(lens) = Lens::new(lens.aperture, lens.focus, lens.blades) {
+            self.goal.lens = lens;
+            if !lens.is_pinhole() {
+                self.opened = Some(lens);
+            }
+        }
+    }
+
+    /// Opens the lens to a radius (m), or closes it to a pinhole, with 0. At first, what it orbits around is sharp.
+    pub fn set_aperture(&mut self, aperture: f32) {
+        let lens = self.opened.unwrap_or(Lens {
+            focus: self.goal.distance,
+            ..Lens::PINHOLE
+        });
+        self.set_lens(Lens { aperture, ..lens });
+    }
+
+    /// Focuses the lens on a point (world space (m)): what is as far along the camera's axis is sharp. A pinhole stays
+    /// one, and nothing behind the camera becomes sharp.
+    pub fn sharpen(&mut self, point: Vec3) {
+        let (eye, backward) = self.eye_and_backward();
+        self.set_lens(Lens {
+            focus: (eye - point).dot(backward),
+            ..self.goal.lens
+        });
+    }
+
+    /// Time for which the shutter is open (s).
+    pub fn shutter(&self) -> f32 {
+        self.goal.shutter
+    }
+
+    /// Sets the time for which the shutter is open (s), and moves nothing. A time that cannot be changes nothing.
+    pub fn set_shutter(&mut self, seconds: f32) {
+        if let Ok(seconds) = lens::shutter(seconds) {
+            self.goal.shutter = seconds;
+        }
+    }
+
+    /// Largest aperture that suits the size of the scene (m).
+    pub fn largest_aperture(&self) -> f32 {
+        APERTURE * self.diagonal
+    }
+
+    /// The least and the largest focus that suit the size of the scene (m).
+    pub fn focus_range(&self) -> [f32; 2] {
+        FOCUS.map(|times| times * self.diagonal)
+    }
 }
 
 /// Yaw and pitch of a camera by its axes: unit vectors from the target to the eye, and to the right.
@@ -307,6 +404,25 @@ fn in_words<T: Add<Output = T> + Default + Display>(point: impl Into<[T; 3]>) ->
     // No -0.
     let [x, y, z] = point.into().map(|value| value + T::default());
     format!("{x},{y},{z}")
+}
+
+/// What tells the lens and the shutter of a viewpoint from those that an argument means without these words.
+fn lens_in_words(seen: &Viewpoint, before: Lens, shutter: f32) -> String {
+    let lens = seen.lens;
+    let mut words = String::new();
+    if lens != before {
+        words += &format!(";aperture={}", lens.aperture);
+        if !lens.is_pinhole() {
+            words += &format!(";focus={}", lens.focus);
+        }
+        if !lens.is_pinhole() && lens.blades != before.blades {
+            words += &format!(";blades={}", lens.blades);
+        }
+    }
+    if seen.shutter != shutter {
+        words += &format!(";shutter={}", seen.shutter);
+    }
+    words
 }
 
 /// An angle (rad) in degrees, in the shortest words that are read as the same angle.
@@ -345,6 +461,8 @@ fn viewpoint_of(camera: &Camera, bounds: &Bounds) -> Viewpoint {
             Projection::Perspective { vertical_fov } => vertical_fov,
             Projection::Orthographic { height } => height,
         },
+        lens: camera.lens,
+        shutter: camera.shutter,
     };
     viewpoint.target = eye - distance * viewpoint.backward();
     viewpoint
@@ -497,16 +615,129 @@ mod tests {
             let bounds = Bounds::of([Vec3::splat(-size), Vec3::splat(size)]);
             let from = size * Vec3::new(1.234_567, 2.1, 4.9);
             let camera = Camera::look_at("", from, size * Vec3::new(0.1, 0.2, 0.3), 0.7);
-            let control = CameraControl::new(&camera, &bounds);
-            let words = control.argument(&scene).unwrap();
-            let (read, target) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
-            let again = CameraControl::new(&read, &bounds).around(target.unwrap());
-            assert_eq!(again.argument(&scene).unwrap(), words);
-            assert_eq!(eye(&read), from, "{words}");
-            assert_eq!(again.goal.target, control.goal.target, "{words}");
-            assert_eq!(again.goal.opening, 0.7, "{words}");
-            assert!(!again.wants_target());
+            let mut control = CameraControl::new(&camera, &bounds);
+            for (aperture, focus, blades, shutter) in [
+                (0.0, 1.0, 0, 0.0),
+                (size * 0.012_345_67, size * 3.3, 7, 0.0),
+                (size * 0.5, 1e-5, 0, 1.0 / 48.0),
+                (0.0, 1.0, 0, 0.1),
+            ] {
+                let lens = Lens::new(aperture, focus, blades).unwrap();
+                control.set_lens(lens);
+                control.set_shutter(shutter);
+                let words = control.argument(&scene).unwrap();
+                let (read, target) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
+                let again = CameraControl::new(&read, &bounds).around(target.unwrap());
+                assert_eq!(again.argument(&scene).unwrap(), words);
+                assert_eq!(eye(&read), from, "{words}");
+                assert_eq!((read.lens, read.shutter), (lens, shutter), "{words}");
+                assert_eq!(again.goal.target, control.goal.target, "{words}");
+                assert_eq!(again.goal.opening, 0.7, "{words}");
+                assert!(!again.wants_target());
+                // A pinhole needs no words.
+                assert_eq!(words.contains("aperture"), aperture > 0.0);
+                assert_eq!(words.contains("focus"), aperture > 0.0);
+                assert_eq!(words.contains("blades"), blades > 0);
+                assert_eq!(words.contains("shutter"), shutter > 0.0);
+            }
         }
+    }
+
+    #[test]
+    fn another_lens_keeps_a_camera_of_the_scene_where_it_is() {
+        let mut scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
+        let mut camera = control().camera();
+        // Turned around its axis, as nobody can steer it.
+        camera.world_from_view *= Mat4::from_rotation_z(0.3);
+        camera.lens = Lens::new(0.02, 4.0, 6).unwrap();
+        camera.shutter = 0.01;
+        scene.cameras.push(camera.clone());
+        for name in ["first", " a; b=1", "c=d", ""] {
+            camera.name = name.into();
+            scene.cameras.last_mut().unwrap().name = name.into();
+            let mut control = CameraControl::new(&camera, &bounds());
+            assert_eq!(control.argument(&scene).as_deref(), Some(name));
+            for (lens, shutter) in [
+                (Lens::new(0.03, 4.0, 6).unwrap(), 0.01),
+                (Lens::new(0.02, 4.0, 0).unwrap(), 0.01),
+                (Lens::PINHOLE, 0.01),
+                (camera.lens, 0.0),
+                (Lens::new(0.02, 2.5, 5).unwrap(), 0.02),
+            ] {
+                control.set_lens(lens);
+                control.set_shutter(shutter);
+                let expected = Camera {
+                    lens,
+                    shutter,
+                    ..camera.clone()
+                };
+                // The picture begins anew, once.
+                assert!(control.advance(0.0));
+                assert!(!control.advance(0.0));
+                assert_eq!(control.camera(), expected);
+                assert!(control.wants_target());
+                let words = control.argument(&scene).unwrap();
+                assert!(words.starts_with("from="), "{words}");
+                let (read, target) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
+                assert_eq!((read, target), (expected, None), "{words}");
+                let again = CameraControl::new(&control.camera(), &bounds());
+                assert_eq!(again.argument(&scene).unwrap(), words);
+            }
+            control.set_lens(camera.lens);
+            control.set_shutter(camera.shutter);
+            assert_eq!(control.argument(&scene).as_deref(), Some(name));
+        }
+        // What was steered keeps its lens.
+        let mut control = CameraControl::new(&camera, &bounds());
+        control.orbit(Vec2::X);
+        control.set_shutter(0.02);
+        let steered = settle(&mut control);
+        assert_eq!((steered.lens, steered.shutter), (camera.lens, 0.02));
+        let words = control.argument(&scene).unwrap();
+        let end = ";aperture=0.02;focus=4;blades=6;shutter=0.02";
+        assert!(words.ends_with(end), "{words}");
+    }
+
+    #[test]
+    fn a_field_of_view_that_was_put_on_a_camera_of_the_scene_stays_in_words() {
+        let scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
+        let words = format!("from={};fov=20", scene.cameras[0].name);
+        let (camera, _) = scene_argument::view(&scene, Some(&words), 1.0).unwrap();
+        let control = CameraControl::new(&camera, &scene.bounds());
+        assert_eq!(control.argument(&scene), Some(words));
+    }
+
+    #[test]
+    fn a_lens_opens_with_a_sharp_target_and_opens_again_as_it_was() {
+        let mut control = control();
+        control.set_aperture(0.1);
+        let distance = control.goal.distance;
+        assert_eq!(control.lens(), Lens::new(0.1, distance, 0).unwrap());
+        // A point beside the axis is as far as the foot of its perpendicular.
+        let camera = control.camera();
+        let point = camera
+            .world_from_view
+            .transform_point3(Vec3::new(0.7, 0.2, -2.0));
+        control.sharpen(point);
+        assert!((control.lens().focus - 2.0).abs() < 1e-5);
+        control.set_lens(Lens {
+            blades: 5,
+            ..control.lens()
+        });
+        let open = control.lens();
+        control.set_aperture(0.0);
+        assert_eq!(control.lens(), Lens::PINHOLE);
+        control.sharpen(Vec3::ZERO);
+        assert_eq!(control.lens(), Lens::PINHOLE);
+        control.set_aperture(0.1);
+        assert_eq!(control.lens(), open);
+        // Behind the camera, and what no lens is.
+        let behind = camera.world_from_view.transform_point3(Vec3::Z);
+        control.sharpen(behind);
+        control.sharpen(Vec3::NAN);
+        control.set_aperture(f32::NAN);
+        control.set_shutter(-1.0);
+        assert_eq!((control.lens(), control.shutter()), (open, 0.0));
     }
 
     #[test]

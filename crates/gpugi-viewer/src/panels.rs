@@ -1,6 +1,7 @@
 //! The controls beside the picture. They show the session and say what is to be done.
 
 mod edits;
+mod lens;
 mod maps;
 mod performance;
 mod settings;
@@ -136,6 +137,7 @@ pub fn picture(
                     session.camera.set_field_of_view(degrees);
                 }
             }
+            lens::lens(ui, session);
             let pace = &mut session.pace;
             ui.add(Slider::new(&mut pace.scale, 0.1..=2.0).text("resolution"))
                 .on_hover_text("Pixels of the picture per pixel of the window, along a side");
@@ -352,6 +354,7 @@ pub fn keys(ui: &mut Ui) {
             ("drag an arrow", "move what is selected"),
             ("drag a sun's circle", "turn a directional light"),
             ("double click", "turn there, and orbit around it"),
+            ("Ctrl or Cmd click", "focus the lens there, if it is open"),
             ("R", "back to where the camera stood"),
             ("space", "play or pause the animation"),
             ("T", "the path tracer beside the picture, or not"),

@@ -148,6 +148,8 @@ pub struct Session {
     unchanged: f32,
     /// Time that the last frame with a new picture took (s), once it is known.
     picture_took: Option<f32>,
+    /// Whether the next click focuses the lens.
+    pub is_focusing: bool,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
     /// What is seen in the middle of the picture, for the camera to orbit around.
     middle: Option<ReadBack<Option<VisiblePoint>>>,
@@ -158,6 +160,8 @@ pub struct Session {
 pub enum Pick {
     /// To turn the camera there.
     Focus,
+    /// To focus the lens there.
+    Sharpen,
     /// To select the object.
     Select,
 }
@@ -201,6 +205,7 @@ impl Session {
             was_for: None,
             unchanged: 0.0,
             picture_took: Some(0.0),
+            is_focusing: false,
             picks: Vec::new(),
             middle: None,
             loaded,

@@ -15,7 +15,7 @@ use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::{decode_color, save_exr};
 use gpugi_scene::{Camera, Limits, Pixels, Scene};
 use gpugi_viewer::arguments::of_view_file;
-use gpugi_viewer::command::{command, view_file};
+use gpugi_viewer::command::{address, command, view_file};
 use gpugi_viewer::headless::{self, Frames};
 use gpugi_viewer::pace::Purpose;
 use gpugi_viewer::recording::{Recording, STEP_SECONDS};
@@ -630,6 +630,43 @@ fn a_click_finds_the_object_under_it() {
     assert_eq!(picked.len(), 1);
     assert_eq!(picked[0].1.as_ref().unwrap().instance, expected);
     assert!(session.picked().is_empty());
+}
+
+#[test]
+fn a_click_focuses_the_lens_and_begins_the_picture_anew() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    let before = session.camera.camera();
+    session.camera.set_aperture(0.02);
+    session.pick(Pick::Sharpen, [0.25, 0.75]);
+    session.gpu().wait().unwrap();
+    let picked = session.picked();
+    let [(Pick::Sharpen, Some(point))] = &picked[..] else {
+        panic!("{picked:?}");
+    };
+    session.camera.sharpen(point.position);
+    let seen = before.world_from_view.inverse();
+    let depth = -seen.transform_point3(point.position).z;
+    let focus = session.camera.lens().focus;
+    assert!((focus / depth - 1.0).abs() < 1e-5, "{focus} {depth}");
+    // Each begins another picture, at rest, too. Shaders of the effects may have to be compiled first.
+    for shutter in [0.0, 0.02] {
+        session.camera.set_shutter(shutter);
+        assert!(session.loaded().renderer.samples() >= SAMPLES);
+        session.frame(SIZE, 0.02).unwrap();
+        assert!(session.loaded().renderer.samples() <= 1);
+        frames_until(session, |session| session.is_complete());
+    }
+    // Whatever opens the view again holds lens and shutter.
+    let camera = session.camera.camera();
+    assert_eq!(camera.world_from_view, before.world_from_view);
+    let words = session.camera.argument(session.loaded().scene()).unwrap();
+    let read = scene_argument::camera(session.loaded().scene(), Some(&words), 1.0).unwrap();
+    assert_eq!(read, camera);
+    assert!(command(session, SIZE).contains(&words));
+    assert!(address(session).contains(&format!("camera={words}")));
+    assert!(view_file(session).contains(&words));
 }
 
 /// The picture at rest, lit with other shaders in place of those that were built.
