@@ -89,12 +89,8 @@ fn a_square_that_flies_covers_pixels_for_part_of_the_time() {
                 let covered = covered.sum::<f64>() / 16.0;
                 let expected = 0.8 * covered + behind * (1.0 - covered);
                 let found = value(&pixels, [(48 + x) as u32, row]);
-                eprintln!(
-                    "{shutter} {row} {x}: {found:.3} {expected:.3} {:.3}",
-                    (found - expected).abs()
-                );
                 assert!(
-                    (found - expected).abs() < 0.9,
+                    (found - expected).abs() < 0.07,
                     "shutter {shutter}, row {row}, pixel {x}: {found}, not {expected}"
                 );
             }
