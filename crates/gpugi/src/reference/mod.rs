@@ -486,7 +486,7 @@ impl PathTracer {
     }
 
     /// Takes the view of a camera.
-    fn look(&mut self, camera: &Camera) {
+    fn look(&mut self, camera: &Camera) -> Result<(), GpuError> {
         let view = View::new(
             camera,
             self.size,
@@ -512,6 +512,9 @@ impl PathTracer {
         };
         self.gpu.write(&self.lens, 0, std::slice::from_ref(&lens));
         self.around_eye = surroundings::around(&self.lit.solids, eye);
+        let has_lens = !camera.lens.is_pinhole();
+        let photons = self.photons.as_mut();
+        photons.map_or(Ok(()), |photons| photons.look(&self.gpu, has_lens))
     }
 
     /// Pixels of the image.
@@ -532,14 +535,14 @@ impl PathTracer {
             let seconds = camera.shutter * moment(self.samples / per_moment);
             self.take_pose(&motion.after(seconds))?;
             self.is_later = true;
-            self.look(&motion.camera_after(camera, seconds));
+            self.look(&motion.camera_after(camera, seconds))?;
             self.pass.samples = per_moment.min(left);
         } else {
             if let Some(motion) = motion.as_ref().filter(|_| self.is_later) {
                 self.take_pose(motion.scene())?;
                 self.is_later = false;
             }
-            self.look(camera);
+            self.look(camera)?;
             // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
             // often enough.
             let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;

@@ -86,6 +86,8 @@ pub(super) struct Photons {
     sphere_count: u32,
     /// Whether there are lights that send photons.
     is_lit: bool,
+    /// Whether `trace` knows of the lens.
+    has_lens: bool,
     /// Photons of the image per sample of its pixels, if any light sends some.
     per_sample: u64,
     /// Radiance of one step of a sum [W/sr/m^2].
@@ -167,11 +169,22 @@ impl Photons {
             light_count: aims.rows.len() as u32,
             sphere_count: aims.spheres,
             is_lit: true,
+            has_lens: false,
             per_sample: 0,
             step: step(aims),
             rate: 0.0,
             largest_batch: LARGEST_BATCH,
         })
+    }
+
+    /// Looks through a lens from now on, or through a pinhole.
+    pub fn look(&mut self, gpu: &Gpu, has_lens: bool) -> Result<(), GpuError> {
+        if self.has_lens != has_lens {
+            let constant = ("HAS_LENS", f64::from(u8::from(has_lens)));
+            self.trace = self.trace.variant(gpu, &[constant])?;
+            self.has_lens = has_lens;
+        }
+        Ok(())
     }
 
     /// Sends photons elsewhere from now on, or none.
