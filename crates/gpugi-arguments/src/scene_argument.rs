@@ -269,8 +269,10 @@ fn camera_of_scene(scene: &Scene, choice: Option<&str>, aspect: f32) -> anyhow::
     })
 }
 
-/// What `--camera` may say of a camera, and how many numbers each takes.
-const KEYS: &str = "eye, target, up, fov, from, aperture, focus, blades and shutter";
+/// What `--camera` may say of a camera.
+const KEYS: [&str; 9] = [
+    "eye", "target", "up", "fov", "from", "aperture", "focus", "blades", "shutter",
+];
 
 /// Parses `eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEGREES;aperture=M;focus=M;blades=N;shutter=S`, with eye and target in the
 /// file's coordinates, and returns the target, too. A missing eye or target is chosen to frame the scene; a missing up is
@@ -281,10 +283,10 @@ fn look_at(scene: &Scene, text: &str) -> anyhow::Result<(Camera, Option<Vec3>)> 
     for part in text.split(';').filter(|part| !part.trim().is_empty()) {
         let (key, value) = part.split_once('=').context("expected key=value")?;
         let key = key.trim();
-        let is_known = KEYS.split([',', ' ']).any(|known| known == key);
+        let known = KEYS.join(", ");
         anyhow::ensure!(
-            is_known && key != "and",
-            "there is no {key:?}; there are {KEYS}"
+            KEYS.contains(&key),
+            "there is no {key:?}; there are {known}"
         );
         given.insert(key, value.trim());
     }
@@ -403,6 +405,7 @@ mod tests {
             ("aperture=0.1", "needs focus="),
             ("from=nobody;fov=30", "there is no camera"),
             ("from=0;eye=0,1,3", "either from"),
+            ("=5", "there is no \"\""),
         ] {
             let error = format!("{:#}", seen_as(wrong).unwrap_err());
             assert!(error.contains(said), "{wrong}: {error}");

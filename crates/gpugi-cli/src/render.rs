@@ -61,7 +61,7 @@ pub struct Arguments {
     /// Write every technique's maps into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
-    /// Also write these beside the image: albedo, normal, depth, position
+    /// Also write these beside the image: albedo, normal, depth, position; of the last sample
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
 }
@@ -477,7 +477,7 @@ fn render_reference(
     print_notes(common, notes);
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
     tracer.restart(arguments.seed)?;
-    tracer.set_motion(Motion::seen_by(camera, scene, arguments.scene.time));
+    tracer.set_motion(Motion::seen_by(camera, scene, arguments.scene.time))?;
     let mut progress = Progress::new(common.quiet);
     let samples = arguments.samples.unwrap_or(PATH_TRACER_SAMPLES);
     let done = tracer.render(camera, samples, &mut |state| {

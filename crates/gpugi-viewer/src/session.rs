@@ -22,8 +22,9 @@ use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
 use crate::truth::Truth;
 
-/// Time that passes at most from frame to frame for the camera and for effects (s).
-const LONGEST_FRAME: f32 = 0.1;
+/// Time that passes at most from frame to frame for a camera that is steered, and for animations and effects (s).
+const LONGEST_STEERED: f32 = 0.1;
+const LONGEST_FRAME: f32 = 0.25;
 /// Time at rest after which a picture gets all its pixels (s).
 const REST_SECONDS: f32 = 0.2;
 /// While maps are refined at rest, the time between two pictures is this multiple of what a picture takes, within these
@@ -420,9 +421,9 @@ impl Session {
             self.pace.measure(took, work, purpose);
         }
         if self.clock.is_playing && !self.is_held {
-            self.pose(self.clock.seconds + seconds.min(0.25))?;
+            self.pose(self.clock.seconds + seconds.min(LONGEST_FRAME))?;
         }
-        let is_steered = !self.is_held && self.camera.advance(seconds.min(LONGEST_FRAME));
+        let is_steered = !self.is_held && self.camera.advance(seconds.min(LONGEST_STEERED));
         let is_moving = is_steered | self.is_edited;
         self.is_edited = false;
         self.at_rest = if is_moving {

@@ -430,8 +430,9 @@ impl Renderer {
         frame: &mut Frame<'_>,
         camera: &Camera,
     ) -> Result<Readiness, LightingError> {
+        // As for the first sample of several.
         let steps = self.moving.as_ref().map_or(1, |moving| moving.steps);
-        let readiness = match self.open_shutter(camera, steps)? {
+        let readiness = match self.open_shutter(camera, steps.max(2))? {
             Moment::Now => self.prepare_maps(frame, camera)?,
             Moment::Sample(camera) | Moment::Maps(camera) => {
                 let readiness = self.prepare_maps(frame, &camera)?;

@@ -186,7 +186,7 @@ fn render(
 ) -> Result<Entry, MeasureError> {
     let mut tracer = PathTracer::new(gpu, subject.scene, subject.size, settings)?;
     tracer.restart(options.seed)?;
-    tracer.set_motion(options.motion.clone());
+    tracer.set_motion(options.motion.clone())?;
     let classes: Vec<String> = part.classes.iter().map(ToString::to_string).collect();
     let stage = format!("path tracer, {} ({})", part.pattern, classes.join(", "));
     let started = Instant::now();

@@ -34,15 +34,15 @@ impl PathTracer {
 
     fn follow(&mut self, edits: Vec<Edit>) -> Result<bool, LightingError> {
         edits.iter().try_for_each(check::check_edit)?;
-        let follows = self.change(edits)?;
+        let follows = self.change(edits, false)?;
         if follows {
             self.restart(self.seed)?;
         }
         Ok(follows)
     }
 
-    /// Edits the scene, if that costs little ([`PathTracer::edit`]).
-    fn change(&mut self, edits: Vec<Edit>) -> Result<bool, LightingError> {
+    /// Edits the scene, if that costs little ([`PathTracer::edit`]). `goes_on`: the picture does.
+    fn change(&mut self, edits: Vec<Edit>, goes_on: bool) -> Result<bool, LightingError> {
         if !self.scene.follow(&self.gpu, edits)? {
             return Ok(false);
         }
@@ -53,13 +53,13 @@ impl PathTracer {
         self.lights = self.lights.with_table(&self.gpu, &self.lit.table)?;
         self.wavefront.light(&self.gpu, &self.lights.named())?;
         if let Some(photons) = &mut self.photons {
-            photons.aim(&self.gpu, self.lit.aims.as_ref())?;
+            photons.aim(&self.gpu, self.lit.aims.as_ref(), goes_on)?;
         }
         Ok(true)
     }
 
     /// Goes back to the pose in which the scene was before the shutter opened.
-    fn take_first_pose(&mut self) -> Result<(), LightingError> {
+    pub(super) fn take_first_pose(&mut self) -> Result<(), LightingError> {
         let is_later = std::mem::take(&mut self.is_later);
         let motion = self.motion.take().filter(|_| is_later);
         motion.map_or(Ok(()), |motion| self.take_pose(motion.scene()))
@@ -68,7 +68,7 @@ impl PathTracer {
     /// Goes on with the same scene in another pose.
     pub(super) fn take_pose(&mut self, posed: &Scene) -> Result<(), LightingError> {
         let edits = self.scene.edits_to(posed);
-        let follows = edits.map(|edits| self.change(edits)).transpose()?;
+        let follows = edits.map(|edits| self.change(edits, true)).transpose()?;
         match follows {
             Some(true) => Ok(()),
             _ => Err(GpuError::Input {
@@ -120,7 +120,7 @@ impl PathTracer {
 
     /// Forgets the samples so far.
     pub(super) fn forget(&mut self) {
-        self.samples = 0;
+        (self.samples, self.moments) = (0, 0);
         self.pass = Pass::default();
         (self.batch, self.sums, self.noise) = (None, None, None);
     }

@@ -76,9 +76,9 @@ const LEAST_SAMPLES: u32 = 16;
 /// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
 /// for any driver's watchdog.
 const BATCH_SECONDS: f64 = 0.2;
-/// Moments at which a picture is taken while the shutter is open and things move, unless it has very many samples.
+/// Moments of one sample at which a picture is taken while the shutter is open and things move; later ones have more, up to
+/// [`MOST_PER_MOMENT`]. Before as many, nobody knows how noisy the picture is.
 const MOMENTS: u32 = 256;
-/// Most samples that are taken at one of them.
 const MOST_PER_MOMENT: u32 = 16;
 /// `Settings` of reference/path_state.wesl.
 #[repr(C)]
@@ -182,6 +182,8 @@ pub struct PathTracer {
     motion: Option<Motion>,
     /// Whether the scene on the GPU is at another time than at first.
     is_later: bool,
+    /// Moments so far.
+    moments: u32,
     /// What the GPU is at work on.
     batch: Option<Batch>,
     /// Pieces of work given to the GPU so far.
@@ -322,6 +324,7 @@ impl PathTracer {
             pass: Pass::default(),
             motion: None,
             is_later: false,
+            moments: 0,
             batch: None,
             pieces: 0,
             sums: None,
@@ -375,8 +378,13 @@ impl PathTracer {
     /// Moves the scene while the shutter of the camera is open: samples are dealt to moments of that time, at each of which
     /// instances, lights, the camera and meshes that deform are where the animation has them. `None`: nothing moves. To be
     /// set before the first sample, and again after edits.
-    pub fn set_motion(&mut self, motion: Option<Motion>) {
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn set_motion(&mut self, motion: Option<Motion>) -> Result<(), LightingError> {
+        self.take_first_pose()?;
         self.motion = motion;
+        Ok(())
     }
 
     /// Samples that every pixel has so far.
@@ -417,7 +425,7 @@ impl PathTracer {
             }
             self.end_pass();
             progress.samples = self.samples;
-            if self.settings.noise > 0.0 && self.samples >= LEAST_SAMPLES {
+            if self.settings.noise > 0.0 && self.samples >= self.least_samples(camera) {
                 let noise = self.noise()?;
                 progress.noise = Some(noise);
                 if noise <= self.settings.noise {
@@ -459,7 +467,7 @@ impl PathTracer {
         let noise = self.noise.map(|(_, noise)| noise);
         let limit = self.settings.noise;
         let is_enough = limit > 0.0
-            && self.samples >= LEAST_SAMPLES
+            && self.samples >= self.least_samples(camera)
             && noise.is_some_and(|noise| noise <= limit);
         let is_done = self.samples >= samples || is_enough;
         if is_free && !is_done && !self.gpu.is_compiling() {
@@ -527,29 +535,64 @@ impl PathTracer {
         if self.pass.samples > 0 {
             return Ok(());
         }
-        let most = self.wavefront.items() / BLOCK_PIXELS;
-        let left = (samples - self.samples).min(most);
         let motion = self.motion.take();
-        if let Some(motion) = motion.as_ref().filter(|_| camera.shutter > 0.0) {
-            let per_moment = (samples / MOMENTS).clamp(1, MOST_PER_MOMENT);
-            let seconds = camera.shutter * moment(self.samples / per_moment);
-            self.take_pose(&motion.after(seconds))?;
-            self.is_later = true;
-            self.look(&motion.camera_after(camera, seconds))?;
-            self.pass.samples = per_moment.min(left);
-        } else {
-            if let Some(motion) = motion.as_ref().filter(|_| self.is_later) {
-                self.take_pose(motion.scene())?;
-                self.is_later = false;
-            }
-            self.look(camera)?;
-            // Add at most a quarter more samples, so that the image converges evenly and the noise is measured
-            // often enough.
-            let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;
-            self.pass.samples = affordable.clamp(1, self.samples / 4 + 1).min(left);
-        }
+        let moves = motion.as_ref().filter(|_| camera.shutter > 0.0);
+        let begun = match moves {
+            Some(motion) => self.begin_moment(motion, camera, samples),
+            None => self.begin_still(motion.as_ref(), camera, samples),
+        };
         self.motion = motion;
+        begun
+    }
+
+    /// Most samples of a pass of a picture of `samples` samples.
+    fn most_of_pass(&self, samples: u32) -> u32 {
+        let most = self.wavefront.items() / BLOCK_PIXELS;
+        (samples - self.samples).min(most)
+    }
+
+    /// Begins a pass at a moment of its own.
+    fn begin_moment(
+        &mut self,
+        motion: &Motion,
+        camera: &Camera,
+        samples: u32,
+    ) -> Result<(), LightingError> {
+        let seconds = camera.shutter * moment(self.moments);
+        self.is_later = true;
+        self.take_pose(&motion.after(seconds))?;
+        self.look(&motion.camera_after(camera, seconds))?;
+        self.moments += 1;
+        let of_moment = (self.samples / MOMENTS).clamp(1, MOST_PER_MOMENT);
+        self.pass.samples = of_moment.min(self.most_of_pass(samples));
         Ok(())
+    }
+
+    /// Begins a pass in which nothing moves.
+    fn begin_still(
+        &mut self,
+        motion: Option<&Motion>,
+        camera: &Camera,
+        samples: u32,
+    ) -> Result<(), LightingError> {
+        if let Some(motion) = motion.filter(|_| self.is_later) {
+            self.take_pose(motion.scene())?;
+            self.is_later = false;
+        }
+        self.look(camera)?;
+        // Add at most a quarter more samples, so that the image converges evenly and the noise is measured often enough.
+        let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;
+        let of_pass = affordable.clamp(1, self.samples / 4 + 1);
+        self.pass.samples = of_pass.min(self.most_of_pass(samples));
+        Ok(())
+    }
+
+    /// Samples before which the noise ends no picture.
+    fn least_samples(&self, camera: &Camera) -> u32 {
+        match self.motion.is_some() && camera.shutter > 0.0 {
+            true => MOMENTS,
+            false => LEAST_SAMPLES,
+        }
     }
 
     fn end_pass(&mut self) {

@@ -13,8 +13,17 @@ pub(super) struct Moving {
     motion: Motion,
     /// Steps in which maps follow.
     pub steps: u32,
-    /// The step that maps show, of so many, and whether they are final.
-    maps: Option<([u32; 2], bool)>,
+    maps: Option<Maps>,
+}
+
+/// What maps show.
+#[derive(Debug, Clone, Copy)]
+struct Maps {
+    /// The step, and of how many.
+    step: [u32; 2],
+    /// Its middle, after the shutter opened (s).
+    seconds: f32,
+    are_final: bool,
 }
 
 /// While the maps of a step are made.
@@ -41,14 +50,25 @@ impl Renderer {
         Ok(())
     }
 
-    /// Goes back to where the scene was before the shutter opened.
+    /// Goes back to where the scene was before the shutter opened, and forgets what moves.
     pub(super) fn end_motion(&mut self) -> Result<(), LightingError> {
-        let moved = self.moving.take().filter(|moving| moving.maps.is_some());
-        moved.map_or(Ok(()), |moving| {
+        self.close_shutter()?;
+        self.moving = None;
+        Ok(())
+    }
+
+    /// Goes back to where the scene was before the shutter opened.
+    fn close_shutter(&mut self) -> Result<(), LightingError> {
+        let Some(moving) = &mut self.moving else {
+            return Ok(());
+        };
+        if let Some(maps) = moving.maps.take() {
+            let shown = moving.motion.after(maps.seconds);
+            self.scene.displace(&self.gpu, &shown)?;
             self.scene.update(&self.gpu, moving.motion.scene())?;
             self.restart();
-            Ok(())
-        })
+        }
+        Ok(())
     }
 
     /// Moves what maps show to the step of the next sample of `of`. The camera, if they are final and it may be taken.
@@ -57,45 +77,49 @@ impl Renderer {
         camera: &Camera,
         of: u32,
     ) -> Result<Moment, LightingError> {
-        let Some(moving) = self
-            .moving
-            .as_mut()
-            .filter(|_| camera.shutter > 0.0 && of > 1)
-        else {
+        if camera.shutter == 0.0 || of <= 1 {
+            self.close_shutter()?;
+            return Ok(Moment::Now);
+        }
+        let Some(moving) = &mut self.moving else {
             return Ok(Moment::Now);
         };
         let steps = moving.steps.min(of);
         // Samples beyond those that were asked for begin again.
         let sample = self.samples % of;
-        let step = sample * steps / of;
-        let middle = camera.shutter * (step as f32 + 0.5) / steps as f32;
-        match moving.maps {
-            Some((maps, true)) if maps == [step, steps] => {
-                let of_step = sample - (step * of).div_ceil(steps);
-                let seconds = camera.shutter * (step as f32 + moment(of_step)) / steps as f32;
-                self.scene
-                    .displace(&self.gpu, &moving.motion.after(seconds))?;
-                Ok(Moment::Sample(moving.motion.camera_after(camera, seconds)))
+        let step = (u64::from(sample) * u64::from(steps) / u64::from(of)) as u32;
+        let of_step = camera.shutter / steps as f32;
+        let motion = &moving.motion;
+        let maps = match moving.maps {
+            Some(maps) if maps.step == [step, steps] => maps,
+            before => {
+                if let Some(maps) = before {
+                    self.scene
+                        .displace(&self.gpu, &motion.after(maps.seconds))?;
+                }
+                let seconds = of_step * (step as f32 + 0.5);
+                self.scene.update(&self.gpu, &motion.after(seconds))?;
+                *moving.maps.insert(Maps {
+                    step: [step, steps],
+                    seconds,
+                    are_final: false,
+                })
             }
-            Some((maps, false)) if maps == [step, steps] => {
-                Ok(Moment::Maps(moving.motion.camera_after(camera, middle)))
-            }
-            _ => {
-                self.scene.update(&self.gpu, &moving.motion.after(middle))?;
-                moving.maps = Some(([step, steps], false));
-                Ok(Moment::Maps(moving.motion.camera_after(camera, middle)))
-            }
+        };
+        if !maps.are_final {
+            return Ok(Moment::Maps(motion.camera_after(camera, maps.seconds)));
         }
+        let first = (u64::from(step) * u64::from(of)).div_ceil(u64::from(steps)) as u32;
+        let seconds = of_step * (step as f32 + moment(sample - first));
+        self.scene.displace(&self.gpu, &motion.after(seconds))?;
+        Ok(Moment::Sample(motion.camera_after(camera, seconds)))
     }
 
     /// Notes how far the maps of a step are. No sample is taken yet.
     pub(super) fn followed(&mut self, readiness: Readiness) -> Readiness {
-        match &mut self.moving {
-            Some(Moving {
-                maps: Some((_, are_final)),
-                ..
-            }) if readiness == Readiness::Ready => *are_final = true,
-            _ => {}
+        let maps = self.moving.as_mut().and_then(|moving| moving.maps.as_mut());
+        if let Some(maps) = maps.filter(|_| readiness == Readiness::Ready) {
+            maps.are_final = true;
         }
         match readiness {
             Readiness::Pending { .. } => readiness,

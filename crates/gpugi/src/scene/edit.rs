@@ -114,7 +114,8 @@ impl GpuScene {
     }
 
     /// Moves instances and bends meshes as in `posed`, which is the same scene at another time, for the eye and for rays
-    /// alone: maps stay current and show them where they were. Lights and media stay where they are.
+    /// alone: maps stay current and show them where they were. Lights and media stay where they are. Before other changes, it
+    /// has to be displaced back to what maps show: what is where it will be counts as unchanged.
     ///
     /// # Errors
     /// As [`GpuScene::edit`].
@@ -126,6 +127,7 @@ impl GpuScene {
         self.check_all(&edits)?;
         self.apply(gpu, edits)?;
         (self.versions, self.atlases) = (versions, atlases);
+        self.forget_moves();
         self.merged_version = NOT_MERGED;
         Ok(())
     }
@@ -143,12 +145,17 @@ impl GpuScene {
             Before::Edits(mut edits, versions, atlases) => {
                 let done = self.exchange(gpu, &mut edits);
                 (self.versions, self.atlases) = (versions, atlases);
-                for placement in &mut self.placements {
-                    for since in [&mut placement.moved, &mut placement.bent] {
-                        *since = versions.geometry.min(*since);
-                    }
-                }
+                self.forget_moves();
                 done
+            }
+        }
+    }
+
+    /// Forgets what has moved since a version that is no longer.
+    fn forget_moves(&mut self) {
+        for placement in &mut self.placements {
+            for since in [&mut placement.moved, &mut placement.bent] {
+                *since = self.versions.geometry.min(*since);
             }
         }
     }

@@ -9,7 +9,7 @@ use gpugi::reference::{PathTracer, Settings};
 use gpugi::{Motion, Renderer, Techniques};
 use gpugi_scene::animation::{Animation, Channel, Interpolation, Node, Property, Rig, Transform};
 use gpugi_scene::builtin::shapes::{quad, sphere};
-use gpugi_scene::{Camera, Lens, Material, Projection, Scene};
+use gpugi_scene::{Camera, Lens, Light, LightKind, Material, Projection, Scene};
 
 use crate::common::{gpu, place};
 
@@ -23,7 +23,8 @@ fn traced(gpu: &Gpu, scene: &Scene, camera: &Camera, samples: u32) -> Vec<f64> {
         ..Settings::default()
     };
     let mut tracer = PathTracer::new(gpu, scene, [SIDE; 2], &settings).expect("a path tracer");
-    tracer.set_motion(Motion::seen_by(camera, scene, 0.0));
+    let motion = Motion::seen_by(camera, scene, 0.0);
+    tracer.set_motion(motion).expect("a motion");
     let go_on = &mut |_: &_| ControlFlow::Continue(());
     tracer.render(camera, samples, go_on).expect("a picture");
     red(&tracer.radiance().expect("radiance"))
@@ -208,4 +209,65 @@ fn a_ball_that_crosses_the_picture_covers_it_for_its_chords() {
             );
         }
     }
+}
+
+/// A square flies over a floor for the first third of the shutter's time, then it rests: so does its shadow. Before and after,
+/// the scene is as it was.
+#[test]
+fn shadows_follow_what_comes_to_rest() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene::new("shadow");
+    let square = quad(vec3(-0.5, 1.0, 0.5), Vec3::X, Vec3::NEG_Z, 1);
+    let square = place(
+        &mut scene,
+        square,
+        Material::matt("square", Vec3::splat(0.5)),
+    );
+    let floor = quad(vec3(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 8.0, 1);
+    place(&mut scene, floor, Material::matt("floor", Vec3::splat(0.5)));
+    let sun = Light::new("sun", LightKind::Directional, Vec3::splat(3.0));
+    // The shadow lies 2 m beside what casts it, where the camera sees it.
+    scene
+        .lights
+        .push(sun.aimed(vec3(-2.0, 1.0, 0.0), Vec3::ZERO));
+    let mut scene = flying(scene, Vec3::X * -3.0, Vec3::X * -1.0);
+    let flight = &mut scene.rig.as_mut().expect("a rig").animations[0].channels[0];
+    flight.times = vec![0.0, 0.3, 1.0];
+    flight.values.extend_from_within(3..);
+    assert_eq!(square, 0);
+    let camera = Camera {
+        projection: Projection::Orthographic { height: 4.0 },
+        shutter: 0.999_999,
+        ..Camera::look_at("", vec3(0.0, 5.0, 0.0), Vec3::ZERO, 1.0)
+    };
+    let techniques = Techniques::Named(vec!["shadow-map".to_owned()]);
+    let mut renderer = Renderer::new(&gpu, &scene, [SIDE; 2], techniques).expect("a renderer");
+    let picture = |renderer: &mut Renderer, camera: &Camera, samples: u32| {
+        renderer.restart();
+        for _ in 0..samples {
+            let sample = renderer.render_sample(camera, samples, None, false);
+            sample.expect("a sample");
+        }
+        red(&renderer.radiance().expect("radiance"))
+    };
+    let moment = Camera {
+        shutter: 0.0,
+        ..camera.clone()
+    };
+    let before = picture(&mut renderer, &moment, 1);
+    let motion = Motion::seen_by(&camera, &scene, 0.0);
+    renderer.set_motion(motion, STEPS).expect("a motion");
+    let blurred = picture(&mut renderer, &camera, 32);
+    // Of the eight steps, six show the square at rest, and its shadow around x = 1.
+    let at = |picture: &[f64], x: f32| {
+        let across = camera.world_from_view.x_axis.x * x;
+        let column = ((across + 2.0) / 4.0 * SIDE as f32) as usize;
+        picture[SIDE as usize * SIDE as usize / 2 + column]
+    };
+    let lit = at(&before, 1.0);
+    let part = at(&blurred, 1.0) / lit;
+    assert!(lit > 0.1 && (part - 0.25).abs() < 0.1, "{part} of {lit}");
+    // A single moment, and a camera without a shutter, see the scene as it was.
+    assert_eq!(picture(&mut renderer, &camera, 1), before);
+    assert_eq!(picture(&mut renderer, &moment, 1), before);
 }

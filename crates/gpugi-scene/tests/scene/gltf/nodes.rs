@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{Mat4, Quat, Vec3};
-use gpugi_scene::{LightKind, Projection};
+use gpugi_scene::{Lens, LightKind, Projection};
 use serde_json::{Value, json};
 
 use crate::builder::File;
@@ -393,4 +393,44 @@ fn what_bends_stands_where_its_node_is() {
     assert_eq!(scene.instances.len(), 1);
     assert_eq!(scene.instances[0].origin.unwrap().place, None);
     assert!(scene.warnings[0].contains("bends"));
+}
+
+/// A file with a camera that has these extras.
+fn seen_through(extras: Value) -> File {
+    let mut file = File::empty();
+    let perspective = json!({ "yfov": 0.75, "znear": 0.1 });
+    file.push(
+        "cameras",
+        json!({ "type": "perspective", "perspective": perspective, "extras": { "gpugi": extras } }),
+    );
+    file.push("nodes", json!({ "camera": 0 }));
+    file
+}
+
+#[test]
+fn cameras_have_lenses_and_shutters() {
+    let all = json!({ "aperture": 0.05, "focus": 2.5, "blades": 6, "shutter": 0.02 });
+    let camera = &seen_through(all).import().cameras[0];
+    assert_eq!(camera.lens, Lens::new(0.05, 2.5, 6).unwrap());
+    assert_eq!(camera.shutter, 0.02);
+    let camera = &seen_through(json!({ "aperture": 0, "focus": 0 }))
+        .import()
+        .cameras[0];
+    assert_eq!((camera.lens, camera.shutter), (Lens::PINHOLE, 0.0));
+    for (extras, place, reason) in [
+        (
+            json!({ "aperture": -1, "focus": 1 }),
+            "",
+            "an aperture of -1 m",
+        ),
+        (json!({ "aperture": 1e39, "focus": 1 }), "", "1e39"),
+        (json!({ "aperture": 0.1 }), ".focus", "needs the distance"),
+        (json!({ "aperture": 0.1, "focus": 0 }), "", "a focus of 0 m"),
+        (json!({ "blades": 2 }), "", "2 blades"),
+        (json!({ "shutter": -0.5 }), "", "a shutter of -0.5 s"),
+        (json!({ "iris": 1 }), "", "iris"),
+    ] {
+        let file = seen_through(extras);
+        file.assert_error(&format!("cameras[0].extras.gpugi{place}"), reason);
+    }
 }

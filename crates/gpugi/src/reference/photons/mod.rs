@@ -187,13 +187,20 @@ impl Photons {
         Ok(())
     }
 
-    /// Sends photons elsewhere from now on, or none.
-    pub fn aim(&mut self, gpu: &Gpu, aims: Option<&Aims>) -> Result<(), GpuError> {
+    /// Sends photons elsewhere from now on, or none. Sums that go on keep their step.
+    pub fn aim(
+        &mut self,
+        gpu: &Gpu,
+        aims: Option<&Aims>,
+        sums_go_on: bool,
+    ) -> Result<(), GpuError> {
         self.is_lit = aims.is_some();
         if let Some(aims) = aims {
             self.lights = of_lights(gpu, &self.trace, aims)?;
             (self.light_count, self.sphere_count) = (aims.rows.len() as u32, aims.spheres);
-            self.step = step(aims);
+            if !sums_go_on {
+                self.step = step(aims);
+            }
         }
         Ok(())
     }

@@ -42,7 +42,7 @@ struct LensUniform {
     most: f32,
     points: u32,
     spacing: f32,
-    padding: u32,
+    is_parallel: u32,
     padded: [f32; 2],
 }
 
@@ -248,7 +248,7 @@ impl Pass {
                 most: MOST_RADIUS * size[1] as f32,
                 points: count,
                 spacing: (unit.area() / count as f32).sqrt(),
-                padding: 0,
+                is_parallel: (shot.tangent == 0.0).into(),
                 padded: tiles.map(|tiles| (tiles * TILE) as f32),
             }],
         );

@@ -2,7 +2,7 @@
 
 use glam::{Vec3, vec3};
 use gpugi_scene::builtin::shapes::quad;
-use gpugi_scene::{Camera, Lens, Material, Scene};
+use gpugi_scene::{Camera, Lens, Material, Projection, Scene};
 
 use super::Settings;
 use crate::gpu::Gpu;
@@ -98,15 +98,23 @@ fn rel_mse(test: &[f64], reference: &[f64]) -> f64 {
 fn live_pictures_resemble_what_a_lens_sees() {
     let Some(gpu) = test_gpu() else { return };
     let mut renderer = renderer(&gpu);
-    for blades in [0, 5] {
-        let camera = camera(blades);
+    let parallel = Camera {
+        projection: Projection::Orthographic { height: 1.6 },
+        lens: Lens::new(0.05, 2.0, 0).unwrap(),
+        ..camera(0)
+    };
+    for (name, camera) in [
+        ("disc", camera(0)),
+        ("pentagon", camera(5)),
+        ("parallel", parallel),
+    ] {
         let truth = still(&mut renderer, &camera, 128);
         let sharp = rel_mse(&live(&mut renderer, &camera, 0), &truth);
         let gathered = rel_mse(&live(&mut renderer, &camera, 64), &truth);
-        println!("{blades} blades: {sharp} sharp, {gathered} gathered");
+        println!("{name}: {sharp} sharp, {gathered} gathered");
         assert!(
             gathered < 0.2 * sharp,
-            "{blades} blades: {gathered}, {sharp} without"
+            "{name}: {gathered}, {sharp} without"
         );
     }
 }

@@ -199,8 +199,9 @@ impl Pass {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let settings = &effects.exposure;
-        self.memory.is_any = true;
         if let Exposure::Manual(value) = settings.value {
+            // What it shows, such as errors in colours, says nothing about the next picture.
+            self.memory = Memory::default();
             let finite = if value.is_nan() {
                 0.0
             } else {
@@ -209,6 +210,7 @@ impl Pass {
             gpu.write(&self.value, 0, &[finite]);
             return Ok(());
         }
+        self.memory.is_any = true;
         let uniform = PictureUniform {
             size,
             left: match self.memory.is_before {
