@@ -36,7 +36,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Lens, Scene};
 
-use crate::capture::View;
+use crate::capture::{View, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
@@ -109,6 +109,14 @@ struct LensUniform {
     blades: u32,
 }
 
+/// `Eye` of reference/path_state.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct EyeUniform {
+    view: ViewUniform,
+    lens: LensUniform,
+}
+
 /// A pass over the image, and its progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pass {
@@ -164,7 +172,6 @@ pub struct PathTracer {
     noise_kernel: Kernel,
     shown_kernel: Kernel,
     view: wgpu::Buffer,
-    lens: wgpu::Buffer,
     parameters: wgpu::Buffer,
     tiles: Vec<Tile>,
     tile_side: u32,
@@ -270,17 +277,13 @@ impl PathTracer {
         ];
         constants.extend(on_gpu.ray_constants());
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
-        let view = uniform(
-            "path-tracer.view",
-            std::mem::size_of::<crate::capture::ViewUniform>() as u64,
-        )?;
-        let lens = uniform("path-tracer.lens", size_of::<LensUniform>() as u64)?;
+        let view = uniform("path-tracer.view", size_of::<EyeUniform>() as u64)?;
         let parameters = uniform(
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
         )?;
         let photons = (lit.aims.as_ref())
-            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, (&view, &lens)))
+            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, &view))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
         constants.push(on_gpu.media_constant());
@@ -294,7 +297,6 @@ impl PathTracer {
         let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
         let mut buffers = vec![
             ("seen", &view),
-            ("lens", &lens),
             ("settings", &parameters),
             ("automaton", &automaton),
         ];
@@ -310,7 +312,6 @@ impl PathTracer {
             noise_kernel,
             shown_kernel,
             view,
-            lens,
             parameters,
             tiles: Vec::new(),
             tile_side,
@@ -503,8 +504,6 @@ impl PathTracer {
             self.seed,
             self.scene.diagonal(),
         );
-        self.gpu
-            .write(&self.view, 0, std::slice::from_ref(&view.uniform));
         let [right, up, _, eye] =
             [0, 1, 2, 3].map(|column| camera.world_from_view.col(column).truncate());
         let Lens {
@@ -512,13 +511,16 @@ impl PathTracer {
             focus,
             blades,
         } = camera.lens;
-        let lens = LensUniform {
-            right: (aperture * right).to_array(),
-            focus,
-            up: (aperture * up).to_array(),
-            blades,
+        let eye_uniform = EyeUniform {
+            view: view.uniform,
+            lens: LensUniform {
+                right: (aperture * right).to_array(),
+                focus,
+                up: (aperture * up).to_array(),
+                blades,
+            },
         };
-        self.gpu.write(&self.lens, 0, std::slice::from_ref(&lens));
+        self.gpu.write(&self.view, 0, &[eye_uniform]);
         self.around_eye = surroundings::around(&self.lit.solids, eye);
         let has_lens = !camera.lens.is_pinhole();
         let photons = self.photons.as_mut();

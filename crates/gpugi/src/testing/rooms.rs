@@ -8,7 +8,7 @@ use regex::Regex;
 /// Rooms from the lowest up. A room imports from those before it, and rooms of one entry not from each other.
 const ORDER: &[&[&str]] = &[
     &["gpu", "jobs", "light_paths", "sequences"],
-    &["settings", "shared", "stage"],
+    &["settings", "shared", "shutter", "stage"],
     &["scene"],
     &["capture", "prefiltered", "ray_bench"],
     &["impostor", "lights", "probes"],

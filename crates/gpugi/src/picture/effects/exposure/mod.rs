@@ -125,7 +125,8 @@ const PIXELS_PER_INVOCATION: u32 = 16;
 struct PictureUniform {
     size: [u32; 2],
     /// Shares that are left, where the picture becomes brighter and where it becomes darker.
-    left: [f32; 2],
+    left_to_bright: f32,
+    left_to_dark: f32,
     vignette: VignetteUniform,
     is_new: u32,
     padding: [u32; 3],
@@ -211,12 +212,14 @@ impl Pass {
             return Ok(());
         }
         self.memory.is_any = true;
+        let [left_to_bright, left_to_dark] = match self.memory.is_before {
+            true => settings.left(seconds),
+            false => [0.0; 2],
+        };
         let uniform = PictureUniform {
             size,
-            left: match self.memory.is_before {
-                true => settings.left(seconds),
-                false => [0.0; 2],
-            },
+            left_to_bright,
+            left_to_dark,
             vignette: VignetteUniform::new(&effects.vignette, size, tangent),
             is_new: std::mem::take(&mut self.memory.is_new).into(),
             padding: [0; 3],

@@ -20,7 +20,7 @@ crate::settings! {
 /// `Vignette` of vignette.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub(in crate::picture) struct VignetteUniform {
+pub(super) struct VignetteUniform {
     pixel: f32,
     strength: f32,
     barrel: f32,
