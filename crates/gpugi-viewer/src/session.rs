@@ -141,6 +141,8 @@ pub struct Session {
     displayed: (Effects, Option<Compared>, Option<Quantity>),
     is_edited: bool,
     at_rest: f32,
+    /// Time that has passed for effects since the last change (s). None passes while time stands still.
+    passed: f32,
     /// Width and height of the window's last picture (pixels).
     window: [u32; 2],
     /// What the last frame was for, if its time says something.
@@ -202,6 +204,7 @@ impl Session {
             displayed: (Effects::default(), None, None),
             is_edited: true,
             at_rest: 0.0,
+            passed: 0.0,
             window: [1, 1],
             was_for: None,
             unchanged: 0.0,
@@ -431,6 +434,9 @@ impl Session {
         } else {
             self.at_rest + seconds
         };
+        if is_moving {
+            self.passed = 0.0;
+        }
         let is_moving_still = self.at_rest < REST_SECONDS;
         self.window = window;
         let size = self.pace.size(window, is_moving_still);
@@ -481,6 +487,7 @@ impl Session {
         let is_idle = renderer.samples() >= wanted && is_current;
         if !self.is_held && !is_idle {
             renderer.pass_time(seconds.min(LONGEST_FRAME));
+            self.passed += seconds.min(LONGEST_FRAME);
         }
         // At rest, maps need not wait for pictures that are soon replaced.
         let is_refining = matches!(self.readiness, Readiness::Refining { .. });
@@ -560,7 +567,7 @@ impl Session {
 
     /// Whether effects that change over time have come to their end, or time stands still.
     fn is_settled(&self) -> bool {
-        self.is_held || self.at_rest >= self.effects.exposure.settling_seconds()
+        self.is_held || self.passed >= self.effects.exposure.settling_seconds()
     }
 
     /// Whether another frame would change nothing: maps are made, and all samples taken, those of the path tracer, too,

@@ -120,7 +120,7 @@ fn changes_of_the_scene_are_followed() {
         scene.instances[7].world_from_mesh.w_axis.x += 1.0;
         kept.update(&scene).expect("an update");
         // At most 30 frames in software and 55 on an H100, which learns later where points are to be moved.
-        let mut frames = 0..100;
+        let mut frames = 0..400;
         let is_final = |renderer: &mut Renderer| {
             renderer.restart();
             let sample = renderer.try_render_sample(&camera, 1, None, false);
