@@ -213,3 +213,47 @@ fn a_pixels_ray_projects_to_its_centre() {
         }
     }
 }
+
+/// Through any point of a lens, rays go where the rasterizer sees pixels, and meet those of the pinhole in the plane of focus.
+#[test]
+fn rays_and_rasterizer_see_through_the_same_point_of_a_lens() {
+    let (size, focus) = ([40, 30], 2.5);
+    let perspective = Camera::look_at("", Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO, 0.8);
+    let parallel = Camera {
+        projection: Projection::Orthographic { height: 3.0 },
+        ..perspective.clone()
+    };
+    for camera in [perspective, parallel] {
+        let pinhole = View::new(&camera, size, Vec2::new(0.2, -0.3), 0, 0, 9.0);
+        let lens = pinhole.through(Vec2::new(0.15, -0.1), focus);
+        let place = |view: &View, pixel: Vec2, distance: f32| {
+            let [origin, dx, dy] = [
+                view.uniform.origin,
+                view.uniform.origin_dx,
+                view.uniform.origin_dy,
+            ]
+            .map(Vec3::from);
+            let [toward, across, down] = [
+                view.uniform.direction,
+                view.uniform.direction_dx,
+                view.uniform.direction_dy,
+            ]
+            .map(Vec3::from);
+            let direction = toward + pixel.x * across + pixel.y * down;
+            origin + pixel.x * dx + pixel.y * dy + distance * direction
+        };
+        for pixel in [Vec2::new(3.0, 4.0), Vec2::new(30.0, 21.0)] {
+            for distance in [1.0, focus, 6.0] {
+                let clip = lens.clip_from_world * place(&lens, pixel, distance).extend(1.0);
+                let half = Vec2::new(20.0, 15.0);
+                let seen = (Vec2::new(clip.x, -clip.y) / clip.w + 1.0) * half - 0.5;
+                assert!(
+                    seen.distance(pixel) < 1e-3,
+                    "{distance} m: {seen}, not {pixel}"
+                );
+            }
+            let apart = place(&lens, pixel, focus).distance(place(&pinhole, pixel, focus));
+            assert!(apart < 1e-5, "{apart} m in the plane of focus");
+        }
+    }
+}
