@@ -1,4 +1,4 @@
-"""Compares gpugi's path tracer with Mitsuba's volpath on small scenes with media, as in docs/techniques/path-tracer.md.
+"""Compares gpugi with Mitsuba's volpath on small scenes with media and lenses, as in docs/techniques/path-tracer.md.
 
 Usage: pip install mitsuba numpy
        python3 docs/compare_with_mitsuba.py GPUGI [SCENE...] [--samples 512] [--mitsuba-samples 2048]
@@ -8,7 +8,8 @@ Prints a line of a table per scene:
 
 - the mean radiance of both pictures;
 - the difference of both pictures after averaging blocks of 8x8 pixels: its root mean square over that of Mitsuba's;
-- the difference to be expected of pictures that differ by noise alone, from the spread between seeds.
+- the difference to be expected of pictures that differ by noise alone, from the spread between seeds;
+- rel-mse of all seeds' mean, less what noise adds to it by that spread.
 """
 
 import argparse
@@ -64,12 +65,19 @@ def room():
     ]
 
 
+# They hang in that room, the first one emits light.
+PANELS = [
+    quad((-0.3, -0.2, 0.3), (0.25, 0, 0), (0, 0.35, 0), radiance=(3, 2, 1)),
+    quad((0.2, -0.4, 0.0), (0.3, 0, 0.1), (0, 0.5, 0), (0.1, 0.3, 0.7)),
+    quad((-0.8, -0.9, -0.6), (0.4, 0, -0.1), (0, 1.2, 0), (0.7, 0.7, 0.2)),
+]
 CLOUD = np.random.default_rng(7).uniform(0, 1, (4, 5, 6)) ** 2  # many thin cells, some dense
+NO_MEDIUM = medium(None, [1] * 3, [0] * 3)
 CLOUD_BOX = place(turn=0.5, size=(3, 2, 2))
 CLOUD_ALBEDO = np.array([0.99, 0.9, 0.7])
 FLOOR = quad((-3, -1.2, 3), (6, 0, 0), (0, 0, -6), (0.5, 0.5, 0.5))
 
-# camera: eye, target, vertical field of view [degrees]. sky: radiance of a constant environment. sun: direction of
+# camera: eye, target, vertical field of view [degrees]. lens: radius of its aperture, distance at which it sees sharply [m]. sky: radiance of a constant environment. sun: direction of
 # propagation, irradiance. glass: a box of index 1.5.
 SCENES = {
     # Scatters isotropically.
@@ -104,6 +112,9 @@ SCENES = {
         "camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room(),
         "medium": medium(None, [0.5, 0.5, 0.8], [0.9, 0.9, 0.8], g=-0.3),
     },
+    # No medium; a lens that sees the back of the room sharply, and one that sees what hangs before it.
+    "far-lens": {"camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room() + PANELS, "lens": (0.05, 1.9)},
+    "near-lens": {"camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room() + PANELS, "lens": (0.05, 0.8)},
     # A block of glass full of a medium that scatters as air does.
     "glass": {
         "camera": ((2, 1.5, 4), (0, -0.3, 0), 38), "glass": place(turn=0.4, size=(1.6, 1.6, 1.6)),
@@ -205,7 +216,9 @@ def gltf(scene):
         document["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
         extensions.add("KHR_lights_punctual")
         nodes.append({"matrix": matrix.T.ravel().tolist(), "extensions": {"KHR_lights_punctual": {"light": 0}}})
-    fog = scene["medium"]
+    fog = scene.get("medium")
+    if not fog:
+        return finished(document, meshes, materials, accessors, views, data, extensions)
     own = {"extinction": list(fog["extinction"]), "albedo": list(fog["albedo"]), "g": fog["g"],
            "emission": list(fog["emission"]), "phase": "cornette-shanks" if fog["rayleigh"] else "henyey-greenstein"}
     if fog["density"] is not None:
@@ -216,6 +229,12 @@ def gltf(scene):
     document["scenes"] = [{"nodes": list(range(len(nodes)))}]
     if fog["box"] is None:
         document["scenes"][0]["extras"] = extras
+    return finished(document, meshes, materials, accessors, views, data, extensions)
+
+
+def finished(document, meshes, materials, accessors, views, data, extensions):
+    """The document with its lists, as text."""
+    document.setdefault("scenes", [{"nodes": list(range(len(document["nodes"])))}])
     if meshes:
         document.update(meshes=meshes, materials=materials, accessors=accessors, bufferViews=views,
                         buffers=[{"byteLength": len(data), "uri": data_uri(data)}])
@@ -230,8 +249,14 @@ def render_gpugi(scene, folder, options):
     file.write_text(gltf(scene))
     eye, target, fov = scene["camera"]
     words = lambda vector: ",".join(str(value) for value in vector)
-    command = [options.gpugi, "render", file, "--technique", "path-tracer", "--set", "path-tracer.max-bounces=1000",
-               "--camera", f"eye={words(eye)};target={words(target)};fov={fov}", "--adapter", options.adapter,
+    camera = f"eye={words(eye)};target={words(target)};fov={fov}"
+    if "lens" in scene:
+        aperture, focus = scene["lens"]
+        camera += f";aperture={aperture};focus={focus}"
+    by = [] if options.technique == "default" else ["--technique", options.technique]
+    if options.technique == "path-tracer":
+        by += ["--set", "path-tracer.max-bounces=1000"]
+    command = [options.gpugi, "render", file, *by, "--camera", camera, "--adapter", options.adapter,
                "--size", f"{options.size}x{options.size}", "--samples", str(options.samples), "-o", picture]
     if "sky" in scene:
         sky = folder / "sky.exr"
@@ -253,7 +278,7 @@ def render_mitsuba(scene, options):
     transform = lambda matrix: mi.ScalarTransform4f(matrix)
     rgb = lambda value: {"type": "rgb", "value": [float(channel) for channel in value]}
     eye, target, fov = scene["camera"]
-    fog = scene["medium"]
+    fog = scene.get("medium", NO_MEDIUM)
     phase = {"type": "rayleigh"} if fog["rayleigh"] else {"type": "hg", "g": fog["g"]}
     strength = float(max(fog["extinction"]))  # colours are at most 1, times this scale
     if fog["density"] is None:
@@ -280,7 +305,9 @@ def render_mitsuba(scene, options):
     # A cube spans -1 to 1, like a rectangle.
     cube = lambda box, surface: {"type": "cube", "to_world": transform(box @ place(size=(0.5, 0.5, 0.5))),
                                  "bsdf": surface, "interior": {"type": "ref", "id": "fog"}}
-    if fog["box"] is None:
+    if fog is NO_MEDIUM:
+        pass
+    elif fog["box"] is None:
         parts["sensor"]["medium"] = {"type": "ref", "id": "fog"}
     elif "glass" in scene:
         parts["glass"] = cube(scene["glass"], {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0})
@@ -301,6 +328,11 @@ def render_mitsuba(scene, options):
     if "sun" in scene:
         direction, irradiance = scene["sun"]
         parts["sun"] = {"type": "directional", "direction": direction, "irradiance": rgb(irradiance)}
+    if "lens" in scene:
+        aperture, focus = scene["lens"]
+        parts["sensor"].update(type="thinlens", aperture_radius=aperture, focus_distance=focus)
+    if fog is NO_MEDIUM:
+        del parts["fog"]
     loaded = mi.load_dict(parts)
     for seed in range(options.seeds):
         picture = np.array(mi.render(loaded, spp=options.mitsuba_samples, seed=seed))
@@ -330,29 +362,39 @@ def compare(ours, theirs):
     return ours.mean(), mean, ours.mean() / mean - 1, error, apart, noise
 
 
+def relative_error(ours, theirs):
+    """rel-mse of the means of both, less what their noise adds to it."""
+    ours, theirs = np.array(ours), np.array(theirs)
+    reference = theirs.mean(axis=0)
+    squares = (ours.mean(axis=0) - reference) ** 2
+    variance = lambda pictures: pictures.var(axis=0, ddof=1) / len(pictures)
+    return ((squares - variance(ours) - variance(theirs)) / (reference**2 + 0.01)).mean()
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("gpugi", type=Path)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
+    parser.add_argument("--technique", default="path-tracer", help="gpugi's; default: those of a still picture")
     parser.add_argument("--size", type=int, default=64, help=f"a multiple of {BLOCK}")
     parser.add_argument("--samples", type=int, default=512, help="of gpugi, per pixel and seed")
     parser.add_argument("--mitsuba-samples", type=int, default=2048, help="of Mitsuba, which is faster on a CPU")
     parser.add_argument("--seeds", type=int, default=4, help="at least 2")
-    parser.add_argument("--adapter", default="auto", help="gpugi's")
+    parser.add_argument("--adapter", default="software", help="gpugi's")
     parser.add_argument("--variant", default="scalar_rgb", help="Mitsuba's")
     options = parser.parse_args()
     mi.set_variant(options.variant)
     print(f"Mitsuba {mi.__version__} ({options.variant}), {options.size} x {options.size}, "
           f"{options.seeds} seeds, {options.samples} samples of gpugi and {options.mitsuba_samples} of Mitsuba each")
-    print("| scene | gpugi | Mitsuba | difference of means [%] | difference of blocks [%] | of noise alone [%] |")
-    print("|---|---|---|---|---|---|", flush=True)
+    print("| scene | gpugi | Mitsuba | difference of means [%] | difference of blocks [%] | of noise alone [%] | rel-mse |")
+    print("|---|---|---|---|---|---|---|", flush=True)
     for name in options.scenes or SCENES:
         with tempfile.TemporaryDirectory() as folder:
             ours = list(render_gpugi(SCENES[name], Path(folder), options))
         theirs = list(render_mitsuba(SCENES[name], options))
         a, b, difference, error, apart, noise = compare(ours, theirs)
         print(f"| {name} | {a:.5f} | {b:.5f} | {100 * difference:+.3f} +- {100 * error:.3f} "
-              f"| {100 * apart:.3f} | {100 * noise:.3f} |", flush=True)
+              f"| {100 * apart:.3f} | {100 * noise:.3f} | {relative_error(ours, theirs):.6f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -90,16 +90,31 @@ pub struct DisplayArguments {
         allow_hyphen_values = true
     )]
     pub exposure: String,
-    /// Tone mapping: none, reinhard, aces, agx, neutral
-    #[arg(long, value_name = "NAME", default_value = "neutral")]
-    pub tone_map: String,
+    /// Tone mapping: none, reinhard, aces, agx, neutral [default: that of the look]
+    #[arg(long, value_name = "NAME")]
+    pub tone_map: Option<String>,
+    /// Effects to start from; --set changes them
+    #[arg(long, value_enum, value_name = "NAME", default_value_t)]
+    pub look: Look,
+}
+
+/// Effects to start from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Look {
+    /// What the scene sends to the eye
+    #[default]
+    Plain,
+    /// What a camera makes of it: glow, flare, vignette, exposure that adapts, the film's tone map
+    Film,
 }
 
 impl Default for DisplayArguments {
     fn default() -> Self {
         Self {
             exposure: "auto".into(),
-            tone_map: "neutral".into(),
+            tone_map: None,
+            look: Look::Plain,
         }
     }
 }
@@ -111,11 +126,16 @@ impl DisplayArguments {
     /// # Errors
     /// [`Usage`], which names the option.
     pub fn effects(&self, of: Effects, set: &[String]) -> anyhow::Result<(Effects, Vec<String>)> {
-        let mut effects = of;
+        let mut effects = match self.look {
+            Look::Plain => of,
+            Look::Film => of.of_a_camera(),
+        };
         effects.exposure.value = (self.exposure.parse())
             .map_err(|error| Usage(format!("--exposure {}: {error}", self.exposure)))?;
-        (effects.tone_map.set("operator", &self.tone_map))
-            .map_err(|error| Usage(format!("--tone-map {}: {error}", self.tone_map)))?;
+        if let Some(name) = &self.tone_map {
+            (effects.tone_map.set("operator", name))
+                .map_err(|error| Usage(format!("--tone-map {name}: {error}")))?;
+        }
         with_settings(effects, set)
     }
 }
@@ -143,6 +163,31 @@ pub fn with_settings(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn options_change_the_effects_of_a_look() {
+        let film = DisplayArguments {
+            look: Look::Film,
+            ..DisplayArguments::default()
+        };
+        let (plain, _) = (DisplayArguments::default().effects(Effects::default(), &[])).unwrap();
+        assert_eq!(plain, Effects::default());
+        let (effects, _) = film.effects(Effects::default(), &[]).unwrap();
+        assert_eq!(effects, Effects::default().of_a_camera());
+        assert!(effects.flare.is_on() && effects.glow.is_on());
+        let less = DisplayArguments {
+            tone_map: Some("reinhard".into()),
+            ..film
+        };
+        let set = [
+            "flare.strength=0".to_owned(),
+            "caustics.photons=9".to_owned(),
+        ];
+        let (effects, rest) = less.effects(Effects::default(), &set).unwrap();
+        assert!(!effects.flare.is_on() && effects.glow.is_on());
+        assert_eq!(effects.tone_map.operator.name(), "reinhard");
+        assert_eq!(rest, set[1..]);
+    }
 
     #[test]
     fn none_names_no_technique() {

@@ -87,7 +87,9 @@ fn seen(session: &Session) -> Vec<(String, String)> {
 }
 
 /// Effects of a still picture: it has no frame before it.
-const STILL_EFFECTS: [&str; 5] = ["glow", "vignette", "exposure", "tone-map", "encode"];
+const STILL_EFFECTS: [&str; 6] = [
+    "glow", "flare", "vignette", "exposure", "tone-map", "encode",
+];
 
 /// What `--set` takes to make the effects with these names those of the session, where no shorter option does.
 fn effects(session: &Session, names: &[&str]) -> Vec<String> {

@@ -7,6 +7,8 @@ mod film;
 mod present;
 mod surfaces;
 #[cfg(test)]
+mod testing;
+#[cfg(test)]
 mod tests;
 
 pub use comparison::{Compared, Comparison};
@@ -19,9 +21,9 @@ pub use surfaces::{Quantity, Surfaces};
 
 use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
 use crate::scene::GpuScene;
-use effects::{depth_of_field, encode, exposure, glow, motion_blur, temporal_antialiasing};
+use effects::{depth_of_field, encode, exposure, flare, glow, motion_blur, temporal_antialiasing};
 use film::{Live, Still};
-use gpugi_scene::{Camera, Projection};
+use gpugi_scene::{Camera, Lens, Projection};
 
 /// What is shown.
 #[derive(Debug, Clone, Copy)]
@@ -44,6 +46,7 @@ pub struct Picture {
     depth_of_field: depth_of_field::Pass,
     motion_blur: motion_blur::Pass,
     glow: glow::Pass,
+    flare: flare::Pass,
     exposure: exposure::Pass,
     encode: encode::Pass,
 }
@@ -78,6 +81,7 @@ impl Picture {
             depth_of_field: depth_of_field::Pass::default(),
             motion_blur: motion_blur::Pass::default(),
             glow: glow::Pass::default(),
+            flare: flare::Pass::default(),
             exposure: exposure::Pass::new(gpu)?,
             encode: encode::Pass::new(gpu, size)?,
         })
@@ -99,6 +103,7 @@ impl Picture {
             depth_of_field: self.depth_of_field.resized(),
             motion_blur: self.motion_blur.resized(),
             glow: self.glow.resized(),
+            flare: self.flare.resized(),
             exposure: self.exposure.clone(),
             encode: self.encode.resized(gpu, size)?,
         })
@@ -125,7 +130,8 @@ impl Picture {
             (self.depth_of_field).prepare(gpu, &camera.lens, &effects.depth_of_field)?;
             (self.motion_blur).prepare(gpu, camera.shutter, &effects.motion_blur)?;
         }
-        self.glow.prepare(gpu, format, &effects.glow)
+        self.glow.prepare(gpu, format, &effects.glow)?;
+        self.flare.prepare(gpu, format, &effects.flare)
     }
 
     /// Forgets what earlier pictures showed.
@@ -159,10 +165,14 @@ impl Picture {
         shown: Shown<'_>,
         effects: &Effects,
     ) -> Result<(), GpuError> {
-        let seen = [lit.shot.tangent, lit.seconds];
+        let camera = Optics {
+            tangent: lit.shot.tangent,
+            lens: lit.shot.lens,
+            seconds: lit.seconds,
+        };
         if let Shown::Surfaces(surfaces, quantity) = shown {
             let colors = surfaces.record(frame, lit.strips, quantity)?;
-            return self.finish(frame, colors, seen, &effects.of_colors());
+            return self.finish(frame, colors, camera, None, &effects.of_colors());
         }
         let (gpu, size) = (frame.gpu, self.size);
         let antialiasing = &effects.temporal_antialiasing;
@@ -195,29 +205,35 @@ impl Picture {
             &film.radiance
         };
         let radiance = &radiance.clone();
+        let seen = Some(flare::Seen {
+            scene,
+            shot: &lit.shot,
+            strips: lit.strips,
+        });
         match shown {
             Shown::Compared(comparison, compared) => {
                 let colors = comparison.record(frame, radiance, self.size, compared)?;
-                self.finish(frame, colors, seen, &compared.effects(effects))
+                self.finish(frame, colors, camera, seen, &compared.effects(effects))
             }
-            _ => self.finish(frame, radiance, seen, effects),
+            _ => self.finish(frame, radiance, camera, seen, effects),
         }
     }
 
-    /// The effects from glow on. `tangent`: that of half the vertical field of view, or 0. `seconds`: since the picture
-    /// before, or 0.
+    /// The effects from glow on, of a picture by `camera`. `seen`: by the picture's pixels.
     fn finish(
         &mut self,
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
-        [tangent, seconds]: [f32; 2],
+        camera: Optics,
+        seen: Option<flare::Seen<'_>>,
         effects: &Effects,
     ) -> Result<(), GpuError> {
         let size = self.size;
-        let radiance = &(self.glow).record(frame, radiance, size, tangent, &effects.glow)?;
-        (self.exposure).record(frame, radiance, size, tangent, seconds, effects)?;
+        let glowing = &(self.glow).record(frame, radiance, size, camera.tangent, &effects.glow)?;
+        let radiance = &(self.flare).record(frame, glowing, camera, seen, &effects.flare)?;
+        (self.exposure).record(frame, radiance, size, camera, effects)?;
         let exposure = &self.exposure.value;
-        (self.encode).record(frame, radiance, size, tangent, exposure, effects)
+        (self.encode).record(frame, radiance, size, camera, exposure, effects)
     }
 
     /// The pixels of the last submitted frame: RGBA, 8 bits per channel, sRGB-encoded, alpha 255, in rows from top to
@@ -246,6 +262,16 @@ impl Picture {
         let value: Vec<f32> = read_buffer(gpu, &self.exposure.value, size_of::<f32>() as u64)?;
         Ok(value[0])
     }
+}
+
+/// What effects know of the camera of a picture.
+#[derive(Debug, Clone, Copy)]
+struct Optics {
+    /// Tangent of half its vertical field of view; 0 if all rays are parallel.
+    tangent: f32,
+    lens: Lens,
+    /// Time since the picture before (s), or 0.
+    seconds: f32,
 }
 
 /// The film of live pictures of `size` pixels, and the pass that blends them; made on first use.
@@ -290,7 +316,12 @@ pub fn developed(
     radiance: &[f32],
     effects: &Effects,
 ) -> Result<Vec<u8>, GpuError> {
-    develop(gpu, size, radiance, TANGENT, effects)
+    let camera = Optics {
+        tangent: TANGENT,
+        lens: Lens::PINHOLE,
+        seconds: 0.0,
+    };
+    develop(gpu, size, radiance, camera, effects)
 }
 
 /// As [`developed`], of what `camera` saw.
@@ -308,14 +339,19 @@ pub fn developed_of(
         Projection::Perspective { vertical_fov } => (vertical_fov / 2.0).tan(),
         Projection::Orthographic { .. } => 0.0,
     };
-    develop(gpu, size, radiance, tangent, effects)
+    let camera = Optics {
+        tangent,
+        lens: camera.lens,
+        seconds: 0.0,
+    };
+    develop(gpu, size, radiance, camera, effects)
 }
 
 fn develop(
     gpu: &Gpu,
     size: [u32; 2],
     radiance: &[f32],
-    tangent: f32,
+    camera: Optics,
     effects: &Effects,
 ) -> Result<Vec<u8>, GpuError> {
     if size.contains(&0) {
@@ -342,7 +378,7 @@ fn develop(
     );
     let mut picture = Picture::new(gpu, size)?;
     let mut frame = Frame::new(gpu, false);
-    picture.finish(&mut frame, &film, [tangent, 0.0], effects)?;
+    picture.finish(&mut frame, &film, camera, None, effects)?;
     frame.submit()?;
     picture.pixels(gpu)
 }

@@ -4,6 +4,7 @@
 pub mod depth_of_field;
 pub mod encode;
 pub mod exposure;
+pub mod flare;
 pub mod glow;
 pub mod motion_blur;
 pub mod temporal_antialiasing;
@@ -11,6 +12,9 @@ pub mod tone_map;
 pub mod vignette;
 
 use crate::settings::{SettingError, SettingSet};
+
+/// Share of light that lenses scatter, of that which eyes do: a few percent of all light, of which the eye scatters half.
+const CAMERA_GLOW: f32 = 0.1;
 
 /// Settings of all effects, in the order in which they are applied.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -23,7 +27,9 @@ pub struct Effects {
     pub motion_blur: motion_blur::Settings,
     /// What the eye scatters. Off by default.
     pub glow: glow::Settings,
-    /// How a lens darkens corners. Off by default.
+    /// What the lens reflects and diffracts. Off by default.
+    pub flare: flare::Settings,
+    /// How a lens with an aperture darkens corners. Off by default.
     pub vignette: vignette::Settings,
     /// How bright the picture is shown.
     pub exposure: exposure::Settings,
@@ -35,11 +41,12 @@ pub struct Effects {
 
 impl Effects {
     /// Names of all effects, in their order.
-    pub const NAMES: [&'static str; 8] = [
+    pub const NAMES: [&'static str; 9] = [
         "temporal-antialiasing",
         "depth-of-field",
         "motion-blur",
         "glow",
+        "flare",
         "vignette",
         "exposure",
         "tone-map",
@@ -56,6 +63,17 @@ impl Effects {
         }
     }
 
+    /// The same as a camera shows it, not an eye: with what its lens scatters, reflects and keeps from corners, an exposure
+    /// that follows the light, and the contrast of film.
+    pub fn of_a_camera(mut self) -> Self {
+        self.glow.strength = CAMERA_GLOW;
+        self.flare.strength = 1.0;
+        self.vignette.strength = 1.0;
+        self.exposure.adaptation = 1.0;
+        self.tone_map.operator = tone_map::ToneMap::Aces;
+        self
+    }
+
     /// The same at a fixed exposure value (EV).
     pub fn exposed(mut self, value: f32) -> Self {
         self.exposure.value = exposure::Exposure::Manual(value);
@@ -68,22 +86,24 @@ impl Effects {
         self
     }
 
-    /// As they are, but without glow, vignette, exposure, tone map and dither: for colours that mean something, such as errors.
+    /// As they are, but without glow, flare, vignette, exposure, tone map and dither: for colours that mean something, such as errors.
     pub(super) fn of_colors(&self) -> Self {
         let mut effects = self.clone().exposed(0.0).without_dither();
         effects.glow = glow::Settings::default();
+        effects.flare = flare::Settings::default();
         effects.vignette = vignette::Settings::default();
         effects.tone_map.operator = tone_map::ToneMap::None;
         effects
     }
 
     /// The settings of each effect, with its name.
-    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 8] {
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 9] {
         let [
             temporal,
             depth_of_field,
             motion_blur,
             glow,
+            flare,
             vignette,
             exposure,
             tone_map,
@@ -94,6 +114,7 @@ impl Effects {
             (depth_of_field, &self.depth_of_field),
             (motion_blur, &self.motion_blur),
             (glow, &self.glow),
+            (flare, &self.flare),
             (vignette, &self.vignette),
             (exposure, &self.exposure),
             (tone_map, &self.tone_map),
@@ -104,11 +125,12 @@ impl Effects {
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
         let index = Self::NAMES.iter().position(|effect| *effect == name)?;
-        let all: [&mut dyn SettingSet; 8] = [
+        let all: [&mut dyn SettingSet; 9] = [
             &mut self.temporal_antialiasing,
             &mut self.depth_of_field,
             &mut self.motion_blur,
             &mut self.glow,
+            &mut self.flare,
             &mut self.vignette,
             &mut self.exposure,
             &mut self.tone_map,

@@ -6,6 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use super::Effects;
 use super::vignette::VignetteUniform;
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
+use crate::picture::Optics;
 use crate::shader;
 
 crate::settings! {
@@ -67,8 +68,8 @@ impl Pass {
         })
     }
 
-    /// Records the pass `picture.encode` for a picture of `size` pixels at an `exposure` value (EV, one float).
-    /// `tangent`: that of half its vertical field of view, or 0.
+    /// Records the pass `picture.encode` for a picture of `size` pixels by `camera`, at an `exposure` value (EV, one
+    /// float).
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -77,7 +78,7 @@ impl Pass {
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
         size: [u32; 2],
-        tangent: f32,
+        camera: Optics,
         exposure: &wgpu::Buffer,
         effects: &Effects,
     ) -> Result<(), GpuError> {
@@ -89,7 +90,7 @@ impl Pass {
             seed: effects.encode.seed,
             dither: effects.encode.dither.into(),
             padding: [0; 2],
-            vignette: VignetteUniform::new(&effects.vignette, size, tangent),
+            vignette: VignetteUniform::new(&effects.vignette, size, camera),
         };
         self.encoding.write(gpu, &[encoding]);
         let resources: [Named<'_>; 4] = [

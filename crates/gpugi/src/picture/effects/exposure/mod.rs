@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::Effects;
 use super::vignette::VignetteUniform;
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
+use crate::picture::Optics;
 use crate::settings::{Kind, SettingValue};
 use crate::shader;
 
@@ -184,8 +185,8 @@ impl Pass {
         self.memory.is_before = self.memory.is_any;
     }
 
-    /// Brings the exposure value up to date for a picture of `size` pixels, `seconds` after the one before, or 0 if that is
-    /// not known: passes `picture.exposure`, if it is automatic. `tangent`: that of half its vertical field of view, or 0.
+    /// Brings the exposure value up to date for a picture of `size` pixels by `camera`: passes `picture.exposure`, if it is
+    /// automatic.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -194,8 +195,7 @@ impl Pass {
         frame: &mut Frame<'_>,
         radiance: &wgpu::TextureView,
         size: [u32; 2],
-        tangent: f32,
-        seconds: f32,
+        camera: Optics,
         effects: &Effects,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
@@ -213,14 +213,14 @@ impl Pass {
         }
         self.memory.is_any = true;
         let [left_to_bright, left_to_dark] = match self.memory.is_before {
-            true => settings.left(seconds),
+            true => settings.left(camera.seconds),
             false => [0.0; 2],
         };
         let uniform = PictureUniform {
             size,
             left_to_bright,
             left_to_dark,
-            vignette: VignetteUniform::new(&effects.vignette, size, tangent),
+            vignette: VignetteUniform::new(&effects.vignette, size, camera),
             is_new: std::mem::take(&mut self.memory.is_new).into(),
             padding: [0; 3],
         };

@@ -3,17 +3,13 @@
 use std::f64::consts::TAU;
 
 use gpugi_scene::builtin::builtin;
-use half::f16;
 
 use super::scattering::{kernel, point_spread, share_of_pixel, weights};
 use super::*;
 use crate::Renderer;
-use crate::gpu::read_texture;
+use crate::picture::testing::{FLOATS, HALVES, film, radiance};
 use crate::picture::{Effects, developed_of};
 use crate::testing::test_gpu;
-
-const FLOATS: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;
-const HALVES: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 /// The picture after the effect, of a view of 45 degrees.
 fn scattered(
@@ -23,25 +19,7 @@ fn scattered(
     picture: &[[f32; 3]],
     strength: f32,
 ) -> Vec<[f32; 3]> {
-    let film = texture(gpu, "film", format, size).unwrap();
-    // Alpha of a live picture is a number of frames.
-    let texels = picture.iter().map(|&[r, g, b]| [r, g, b, 7.0]);
-    let bytes: Vec<u8> = match format {
-        HALVES => {
-            let halves = texels.map(|texel| texel.map(f16::from_f32));
-            bytemuck::cast_slice(&halves.collect::<Vec<_>>()).to_vec()
-        }
-        _ => bytemuck::cast_slice(&texels.collect::<Vec<_>>()).to_vec(),
-    };
-    let layout = wgpu::TexelCopyBufferLayout {
-        offset: 0,
-        bytes_per_row: Some(bytes.len() as u32 / size[1]),
-        rows_per_image: None,
-    };
-    let texture = film.texture();
-    let whole = texture.size();
-    gpu.queue
-        .write_texture(texture.as_image_copy(), &bytes, layout, whole);
+    let film = film(gpu, size, format, picture);
     let mut frame = Frame::new(gpu, false);
     let settings = Settings { strength };
     let mut pass = Pass::default();
@@ -49,15 +27,7 @@ fn scattered(
         .record(&mut frame, &film, size, TANGENT, &settings)
         .unwrap();
     frame.submit().unwrap();
-    let (texture, all) = (result.texture(), wgpu::TextureAspect::All);
-    let rgb = |[r, g, b, _]: [f32; 4]| [r, g, b];
-    if format == FLOATS {
-        let texels: Vec<[f32; 4]> = read_texture(gpu, texture, all, 0, 0).unwrap();
-        return texels.into_iter().map(rgb).collect();
-    }
-    let texels: Vec<[f16; 4]> = read_texture(gpu, texture, all, 0, 0).unwrap();
-    let texels = texels.into_iter().map(|texel| rgb(texel.map(f16::to_f32)));
-    texels.collect()
+    radiance(gpu, &result)
 }
 
 /// Dark, with a lamp of this radiance at each of these pixels.

@@ -6,11 +6,14 @@ mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::picture::Optics;
+
 crate::settings! {
     /// Settings of the vignette.
     #[derive(Copy)]
     pub struct Settings {
-        /// Share of the loss of light toward the corners that is shown; 0: off, 1: cos^4 of the angle to the axis.
+        /// Share of the loss of light toward the corners that is shown, if the camera has an aperture; 0: off, 1: cos^4 of
+        /// the angle to the axis.
         pub strength: f32 = 0.0 => in_range(0.0, 1.0),
         /// Length of the lens' barrel, which hides its opening from the side, in radii of the opening; 0: none.
         pub barrel: f32 = 0.0 => in_range(0.0, 10.0).unit("radii"),
@@ -28,8 +31,12 @@ pub(super) struct VignetteUniform {
 }
 
 impl VignetteUniform {
-    /// For a picture of `size` pixels. `tangent`: that of half its vertical field of view, or 0.
-    pub fn new(settings: &Settings, size: [u32; 2], tangent: f32) -> Self {
+    /// For a picture of `size` pixels by `camera`. A pinhole has no opening that could be seen from the side.
+    pub fn new(settings: &Settings, size: [u32; 2], camera: Optics) -> Self {
+        let tangent = match camera.lens.is_pinhole() {
+            true => 0.0,
+            false => camera.tangent,
+        };
         Self {
             pixel: 2.0 * tangent / size[1] as f32,
             strength: settings.strength,

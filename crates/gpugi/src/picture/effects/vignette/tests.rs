@@ -1,6 +1,6 @@
 //! The vignette against its closed form, in pictures of constant light.
 
-use gpugi_scene::{Camera, Projection};
+use gpugi_scene::{Camera, Lens, Projection};
 
 use super::*;
 use crate::picture::effects::tone_map::twin::srgb_from_linear;
@@ -19,6 +19,7 @@ fn effects(strength: f32, barrel: f32) -> Effects {
 fn camera(projection: Projection) -> Camera {
     Camera {
         projection,
+        lens: Lens::new(0.01, 1.0, 0).unwrap(),
         ..Camera::look_at("", glam::Vec3::Z, glam::Vec3::ZERO, 1.0)
     }
 }
@@ -63,17 +64,19 @@ fn corners_are_darker_by_the_closed_form() {
     }
 }
 
-/// A view of parallel rays has no angles. Colours that mean something stay, too.
+/// A view of parallel rays has no angles, and a pinhole no opening. Colours that mean something stay, too.
 #[test]
-fn parallel_views_have_none() {
+fn parallel_views_and_pinholes_have_none() {
     let Some(gpu) = test_gpu() else { return };
     let camera = camera(Projection::Orthographic { height: 3.0 });
     let white = vec![0.5; (SIZE[0] * SIZE[1] * 3) as usize];
     let plain = developed(&gpu, SIZE, &white, &effects(0.0, 0.0)).unwrap();
     let all = effects(1.0, 2.0);
     assert!(developed_of(&gpu, SIZE, &white, &camera, &all).unwrap() == plain);
-    assert!(developed(&gpu, SIZE, &white, &all).unwrap() != plain);
-    assert!(developed(&gpu, SIZE, &white, &all.of_colors()).unwrap() == plain);
+    assert!(developed(&gpu, SIZE, &white, &all).unwrap() == plain);
+    let open = self::camera(Projection::Perspective { vertical_fov: 1.0 });
+    assert!(developed_of(&gpu, SIZE, &white, &open, &all).unwrap() != plain);
+    assert!(developed_of(&gpu, SIZE, &white, &open, &all.of_colors()).unwrap() == plain);
 }
 
 /// Exposure measures what arrives.
@@ -84,7 +87,8 @@ fn exposure_follows_the_vignette() {
     let middle = |strength| {
         let mut effects = effects(strength, 3.0);
         effects.exposure.value = crate::picture::Exposure::Auto;
-        let pixels = developed(&gpu, SIZE, &white, &effects).unwrap();
+        let camera = camera(Projection::Perspective { vertical_fov: 0.8 });
+        let pixels = developed_of(&gpu, SIZE, &white, &camera, &effects).unwrap();
         pixels[((SIZE[1] / 2 * SIZE[0] + SIZE[0] / 2) * 4) as usize]
     };
     assert!(
