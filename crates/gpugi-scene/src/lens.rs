@@ -21,7 +21,9 @@ pub struct Lens {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LensError {
     /// The aperture is negative or not finite.
-    #[error("an aperture of {0} m: it is the radius of the lens, 0 (a pinhole) or more, and finite")]
+    #[error(
+        "an aperture of {0} m: it is the radius of the lens, 0 (a pinhole) or more, and finite"
+    )]
     Aperture(f32),
     /// Nothing lies at that distance.
     #[error("a focus of {0} m: it is the distance at which the camera sees sharply, and above 0")]

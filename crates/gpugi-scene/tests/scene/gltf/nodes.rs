@@ -423,7 +423,11 @@ fn cameras_have_lenses_and_shutters() {
             "",
             "an aperture of -1 m",
         ),
-        (json!({ "aperture": 1e39, "focus": 1 }), "", "an aperture of inf m"),
+        (
+            json!({ "aperture": 1e39, "focus": 1 }),
+            "",
+            "an aperture of inf m",
+        ),
         (json!({ "aperture": 0.1 }), ".focus", "needs the distance"),
         (json!({ "aperture": 0.1, "focus": 0 }), "", "a focus of 0 m"),
         (json!({ "blades": 2 }), "", "2 blades"),
