@@ -5,7 +5,7 @@
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-use glam::{Mat3, Mat4, Vec2, Vec3, vec2, vec3};
+use glam::{Mat3, Mat4, Quat, Vec2, Vec3, vec2, vec3};
 
 use crate::Mesh;
 use crate::normals::smooth_normals;
@@ -369,6 +369,17 @@ pub fn cylinder(radius: f32, height: f32, columns: u32) -> Mesh {
     named(
         "cylinder",
         revolution(&sharp_profile(&corners), columns.max(3)),
+    )
+}
+
+/// A cylinder around the way between two points (m), with caps.
+pub fn rod(from: Vec3, to: Vec3, radius: f32, columns: u32) -> Mesh {
+    let way = to - from;
+    let turn = Quat::from_rotation_arc(Vec3::Y, way.normalize());
+    let place = Mat4::from_rotation_translation(turn, from);
+    named(
+        "rod",
+        transformed(cylinder(radius, way.length(), columns), &place),
     )
 }
 

@@ -111,6 +111,21 @@ pub fn leaf(name: &str, size: u32) -> Image {
     })
 }
 
+/// A pointed leaf with veins; the rest is a hole.
+pub(super) fn pointed_leaf(name: &str, size: u32) -> Image {
+    image(name, size, |uv| {
+        let from_rib = (uv.x - 0.5).abs();
+        let half_width = 0.36 * (uv.y * TAU / 2.0).sin().max(0.0).powf(0.8);
+        let is_stem = from_rib < 0.025 && uv.y > 0.5;
+        let vein = ((uv.y - 0.8 * from_rib) * 8.0).fract();
+        let is_vein = is_stem || from_rib < 0.015 || vein < 0.12;
+        let green = vec3(0.36, 0.5, 0.15) * (0.75 + 0.4 * turbulence(uv));
+        let color = if is_vein { green * 1.25 } else { green };
+        let is_there = from_rib < half_width || is_stem;
+        (color, if is_there { 1.0 } else { 0.0 })
+    })
+}
+
 /// A tileable sum of noise octaves, in 0..=1.
 pub(super) fn turbulence(uv: Vec2) -> f32 {
     (0..5)

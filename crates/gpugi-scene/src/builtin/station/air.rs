@@ -17,8 +17,8 @@ pub fn add(stage: &mut Stage) {
     let motion = &mut stage.motion;
     let fog = motion.scaled(
         None,
-        vec3(0.0, 2.6, 1.1),
-        vec3(2.0 * HALF.x - 0.1, 5.1, 6.6),
+        vec3(0.0, 2.55, 1.75),
+        vec3(2.0 * HALF.x - 0.1, 5.0, 5.4),
     );
     let smoke = motion.scaled(None, VENT + Vec3::Y * 1.25, vec3(1.1, 2.4, 1.1));
     motion.turn(smoke, (LOOP, 40), |phase| {
@@ -27,10 +27,11 @@ pub fn add(stage: &mut Stage) {
     motion.slide(smoke, (LOOP, 40), |phase| {
         VENT + Vec3::Y * (1.25 + 0.12 * (2.0 * phase * TAU).sin())
     });
-    let cloud = motion.scaled(None, vec3(-13.0, 12.0, 0.0), vec3(9.0, 4.0, 7.0));
+    let above = vec3(-22.0, 8.5, 0.0);
+    let cloud = motion.scaled(None, above, vec3(10.0, 3.6, 8.0));
     motion.slide(cloud, (LOOP, 40), |phase| {
         let (sine, cosine) = (phase * TAU).sin_cos();
-        vec3(-14.0 + 3.0 * cosine, 12.0, 2.0 * sine)
+        above + vec3(1.5 * sine, 0.0, 3.0 * cosine)
     });
     let medium = |name: &str, node: usize, extinction: f32, g: f32| Medium {
         name: name.into(),
@@ -43,7 +44,7 @@ pub fn add(stage: &mut Stage) {
         node: Some(node),
     };
     stage.scene.media = vec![
-        medium("fog", fog, 0.025, 0.4),
+        medium("fog", fog, 0.012, 0.4),
         Medium {
             density: Some(Arc::new(plume())),
             ..medium("smoke", smoke, 5.0, 0.3)

@@ -5,6 +5,7 @@ use std::f32::consts::{FRAC_PI_2, TAU};
 use glam::{Mat4, Quat, Vec2, Vec3, vec2, vec3};
 
 use super::LOOP;
+use super::motion::sampled;
 use super::stage::Stage;
 use crate::Mesh;
 use crate::animation::{Deformer, MorphTarget};
@@ -191,9 +192,7 @@ fn fish(detail: u32) -> Mesh {
         vec2(0.12, 0.008),
     ];
     let body = lofted(16 * detail, 20 * detail, |down, turn| {
-        let along = down * (BODY.len() - 1) as f32;
-        let before = (along as usize).min(BODY.len() - 2);
-        let half = BODY[before].lerp(BODY[before + 1], along - before as f32);
+        let half = sampled(&BODY, down);
         let open = (down * (1.0 - down) * 30.0).min(1.0).sqrt();
         let (sine, cosine) = (turn * TAU).sin_cos();
         vec3(

@@ -8,7 +8,7 @@ use super::hall::ARCH;
 use super::stage::Stage;
 use super::{HALF, LOOP, WALL};
 use crate::Mesh;
-use crate::builtin::shapes::{bow, cuboid, cylinder, pierced, quad, transformed};
+use crate::builtin::shapes::{bow, cuboid, cylinder, pierced, quad, rod, transformed};
 use crate::builtin::textures::lattice;
 
 /// Corners of the courtyard's ground, and the height of its walls (m).
@@ -34,7 +34,7 @@ pub fn add(stage: &mut Stage) {
     stage.place("courtyard walls", brick, walls());
     stage.place("courtyard trims", trim, trims(detail));
     stage.place("tree", wood, tree(detail));
-    stage.place("crown", leaf, (0..260).map(twig));
+    stage.place("crown", leaf, (0..1600).map(foliage));
     stage.place("courtyard gate", rust, gate(detail));
     for (number, at) in [
         vec3(-11.5, 1.4, 0.6),
@@ -64,10 +64,20 @@ pub fn add(stage: &mut Stage) {
     }
 }
 
+/// Three walls, and the returns that join them to the hall.
 fn walls() -> Vec<Mesh> {
     let thick = 0.3;
     let gate = [vec2(-1.1, 0.0), vec2(1.1, 2.4)];
+    let joint = |z: f32| {
+        cuboid(
+            vec3(HIGH.x - 0.1, 0.0, z - 0.5),
+            vec3(HIGH.x + WALL - 0.1, HIGH.y - 0.01, z + 0.5),
+            1,
+        )
+    };
     vec![
+        joint(LOW.z + 0.2),
+        joint(HIGH.z - 0.2),
         pierced(
             vec3(LOW.x - thick, 0.0, LOW.z - thick),
             vec3(LOW.x, HIGH.y, HIGH.z + thick),
@@ -126,14 +136,8 @@ fn trims(detail: u32) -> Vec<Mesh> {
 
 /// Trunk and boughs.
 fn tree(detail: u32) -> Vec<Mesh> {
-    let bough = |from: Vec3, to: Vec3, radius: f32| {
-        let along = to - from;
-        let turn = Quat::from_rotation_arc(Vec3::Y, along.normalize());
-        let place = Mat4::from_rotation_translation(turn, from);
-        transformed(cylinder(radius, along.length(), 10 * detail), &place)
-    };
     let fork = TREE + vec3(0.1, 2.0, 0.05);
-    let mut parts = vec![bough(TREE - Vec3::Y * 0.1, fork, 0.16)];
+    let mut parts = vec![rod(TREE - Vec3::Y * 0.1, fork, 0.16, 10 * detail)];
     parts.extend((0..6).map(|i| {
         let angle = i as f32 / 6.0 * TAU;
         let reach = vec3(
@@ -141,7 +145,12 @@ fn tree(detail: u32) -> Vec<Mesh> {
             1.1 + 0.5 * lattice(i, 3),
             1.1 * angle.sin(),
         );
-        bough(fork - Vec3::Y * 0.1 * lattice(i, 5), fork + reach, 0.07)
+        rod(
+            fork - Vec3::Y * 0.1 * lattice(i, 5),
+            fork + reach,
+            0.07,
+            10 * detail,
+        )
     }));
     parts
 }
@@ -158,14 +167,14 @@ fn leaf_quad(at: Vec3, side: f32, turn: Quat) -> Mesh {
     transformed(flat, &Mat4::from_rotation_translation(turn, at))
 }
 
-/// A twig of leaves in the tree's crown.
-fn twig(index: u32) -> Mesh {
+/// A leaf of the tree's crown.
+fn foliage(index: u32) -> Mesh {
     let (direction, part) = random(index, 31);
-    let reach = vec3(1.7, 1.1, 1.7) * (0.55 + 0.45 * part);
+    let reach = vec3(1.7, 1.1, 1.7) * part.sqrt();
     let at = TREE + Vec3::Y * 3.3 + direction.normalize_or(Vec3::Y) * reach;
     let (turn, size) = random(index, 47);
     let turn = Quat::from_euler(EulerRot::YXZ, 3.0 * turn.x, 1.4 * turn.y, 3.0 * turn.z);
-    leaf_quad(at, 0.3 + 0.25 * size, turn)
+    leaf_quad(at, 0.1 + 0.1 * size, turn)
 }
 
 /// A leaf in the air, about its node.

@@ -4,10 +4,12 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Mat4, Vec2, Vec3, vec2, vec3};
 
-use super::hall::DOORWAY;
+use super::motion::sampled;
 use super::stage::Stage;
 use super::{GALLERY, HALF};
-use crate::builtin::shapes::{cuboid, cylinder, join, lofted, quad, sphere, torus, transformed};
+use crate::builtin::shapes::{
+    cuboid, cylinder, join, lofted, quad, rod, sphere, torus, transformed,
+};
 use crate::{Light, LightKind, Mesh};
 
 /// Foot of the statue's plinth (m).
@@ -104,7 +106,7 @@ const CRATES: [(Vec3, f32); 5] = [
     (vec3(5.75, 0.0, -4.25), 0.9),
     (vec3(4.75, 0.0, -4.3), 0.8),
     (vec3(5.85, 0.9, -4.2), 0.65),
-    (vec3(-1.2, GALLERY, -4.3), 0.8),
+    (vec3(5.9, GALLERY, -4.3), 0.8),
     (vec3(5.9, 0.0, -3.2), 0.6),
 ];
 
@@ -161,24 +163,16 @@ fn barrel(at: Vec3, detail: u32) -> Mesh {
     transformed(join("barrel", parts), &Mat4::from_translation(at))
 }
 
-/// A round bar from `from` to `to` (m).
-fn bar(from: Vec3, to: Vec3, radius: f32, columns: u32) -> Mesh {
-    let along = to - from;
-    let turn = glam::Quat::from_rotation_arc(Vec3::Y, along.normalize());
-    let place = Mat4::from_rotation_translation(turn, from);
-    transformed(cylinder(radius, along.length(), columns), &place)
-}
-
 /// Pipes along the walls, with elbows that are balls, and flanges.
 fn pipes(detail: u32) -> Vec<Mesh> {
     let columns = 14 * detail;
     let mut parts = Vec::new();
     let mut run = |points: &[Vec3], radius: f32| {
         for pair in points.windows(2) {
-            parts.push(bar(pair[0], pair[1], radius, columns));
+            parts.push(rod(pair[0], pair[1], radius, columns));
             let along = (pair[1] - pair[0]).normalize();
             for end in [pair[0] + along * 0.12, pair[1] - along * 0.16] {
-                parts.push(bar(end, end + along * 0.04, radius * 1.45, columns));
+                parts.push(rod(end, end + along * 0.04, radius * 1.45, columns));
             }
         }
         for point in &points[1..points.len() - 1] {
@@ -216,7 +210,7 @@ const PIPES: f32 = 4.9;
 fn ducts(detail: u32) -> Vec<Mesh> {
     let y = GALLERY - 0.5;
     let z = -HALF.y + 0.45;
-    let mut parts = vec![bar(
+    let mut parts = vec![rod(
         vec3(-4.4, y, z),
         vec3(HALF.x + 0.05, y, z),
         0.17,
@@ -224,7 +218,7 @@ fn ducts(detail: u32) -> Vec<Mesh> {
     )];
     parts.extend((0..6).map(|i| {
         let at = vec3(-3.6 + 2.0 * i as f32, y, z);
-        bar(at, at + Vec3::X * 0.05, 0.19, 24 * detail)
+        rod(at, at + Vec3::X * 0.05, 0.19, 24 * detail)
     }));
     parts.extend([-2.6, 1.4, 5.4].map(|x| {
         cuboid(
@@ -256,11 +250,9 @@ fn ducts(detail: u32) -> Vec<Mesh> {
 /// Painted panels along the north wall and the east wall.
 fn panels() -> Vec<Mesh> {
     let z = -HALF.y;
-    let mut parts: Vec<Mesh> = [-6.4, -5.4, -4.4, -3.2 + 0.3, 0.32, 4.2, 5.1, 6.0 - 0.1]
-        .into_iter()
-        .filter(|x| x + 0.8 < DOORWAY[0] - 0.2 || *x > DOORWAY[1] + 0.2)
+    let mut parts: Vec<Mesh> = [-6.4, -5.4, -4.4, -2.9, 0.32, 4.2, 5.1, 5.9]
         .map(|x| cuboid(vec3(x, 0.15, z - 0.01), vec3(x + 0.8, 1.25, z + 0.035), 1))
-        .collect();
+        .into();
     parts.extend((0..5).map(|i| {
         let left = -3.9 + 1.4 * i as f32;
         cuboid(
@@ -296,7 +288,7 @@ fn display(at: Vec3) -> Mesh {
     quad(at + vec3(-0.5, 0.95, 0.162), Vec3::X, Vec3::Y * 0.6, 1)
 }
 
-/// The mirror, in the south wall's eastern corner.
+/// The mirror on the east wall.
 fn pane() -> Mesh {
     let x = HALF.x - 0.06;
     cuboid(vec3(x, 0.5, -1.6), vec3(x + 0.02, 2.5, -0.2), 1)
@@ -356,20 +348,15 @@ fn plinth() -> [Mesh; 3] {
 
 /// A figure in a long robe that holds up a ball.
 fn statue(detail: u32) -> Vec<Mesh> {
-    let radius = |down: f32| {
-        // Radius of the robe from shoulders to hem (m), at equal steps.
-        const ROBE: [f32; 8] = [0.08, 0.2, 0.19, 0.15, 0.17, 0.21, 0.25, 0.3];
-        let along = down * (ROBE.len() - 1) as f32;
-        let before = (along as usize).min(ROBE.len() - 2);
-        ROBE[before] + (ROBE[before + 1] - ROBE[before]) * (along - before as f32)
-    };
+    // Radius of the robe from shoulders to hem (m).
+    const ROBE: [f32; 8] = [0.08, 0.2, 0.19, 0.15, 0.17, 0.21, 0.25, 0.3];
     let robe = lofted(64 * detail, 32 * detail, |down, turn| {
         // The first and last rows close the robe.
         let body = ((down - 0.02) / 0.96).clamp(0.0, 1.0);
         let is_end = down <= 0.0 || down >= 1.0;
         let folds = 1.0 + 0.13 * body * (9.0 * turn * TAU + 3.0 * body).sin();
         let (sine, cosine) = (turn * TAU).sin_cos();
-        let around = vec3(sine, 0.0, 0.75 * cosine) * (radius(body) * folds);
+        let around = vec3(sine, 0.0, 0.75 * cosine) * (sampled(&ROBE, body) * folds);
         let height = Vec3::Y * 1.42 * (1.0 - body);
         height + if is_end { Vec3::ZERO } else { around }
     });
@@ -385,7 +372,7 @@ fn statue(detail: u32) -> Vec<Mesh> {
         &Mat4::from_scale(vec3(0.95, 1.0, 1.0)),
     );
     let limb = |from: Vec3, to: Vec3| {
-        let middle = bar(from, to, 0.052, segments);
+        let middle = rod(from, to, 0.052, segments);
         join("limb", [middle, part(sphere(0.058, segments), to - lean)])
     };
     let (shoulder, elbow, hand) = (
@@ -400,7 +387,7 @@ fn statue(detail: u32) -> Vec<Mesh> {
     );
     let parts = [
         robe,
-        bar(vec3(0.0, 1.32, 0.0), vec3(0.02, 1.5, 0.0), 0.05, segments),
+        rod(vec3(0.0, 1.32, 0.0), vec3(0.02, 1.5, 0.0), 0.05, segments),
         part(head, vec3(0.0, 1.58, 0.02)),
         part(hair, vec3(0.0, 1.63, -0.03)),
         limb(shoulder, elbow),

@@ -56,7 +56,8 @@ fn vault(below: f32, above: f32, length: f32, steps: u32) -> Mesh {
 }
 
 fn floor() -> Mesh {
-    let (low, high) = (basin::LOW, basin::HIGH);
+    // It ends inside the walls of the basin.
+    let (low, high) = (basin::LOW - 0.1, basin::HIGH + 0.1);
     let hole = [vec2(low.x, low.z), vec2(high.x, high.z)];
     pierced(
         vec3(-HALF.x - WALL, -0.3, -HALF.y - 3.0),
@@ -115,99 +116,118 @@ fn spandrels(detail: u32) -> impl Iterator<Item = Mesh> {
 /// Rods across the hall below the vault.
 fn ties(detail: u32) -> Vec<Mesh> {
     let rod = |x: f32| {
-        let place = Mat4::from_translation(vec3(x, EAVES - 0.1, -HALF.y))
+        let place = Mat4::from_translation(vec3(x, EAVES + 0.3, -HALF.y))
             * Mat4::from_rotation_x(FRAC_PI_2);
         transformed(cylinder(0.025, 2.0 * HALF.y, 8 * detail), &place)
     };
     RIBS[1..4].iter().map(|x| rod(*x)).collect()
 }
 
-/// Pilasters, plinths, cornices, sills, lintels, and the ring of the arch.
+/// Pilasters, mouldings, cases of windows and door, and the ring of the arch.
 fn trims(detail: u32) -> Vec<Mesh> {
+    let mut parts = mouldings();
+    parts.extend(RIBS.into_iter().flat_map(pilasters));
+    parts.extend(WINDOWS.into_iter().flat_map(window_case));
+    parts.extend(door_case());
+    parts.extend(arch_ring(detail));
+    parts
+}
+
+fn block(low: [f32; 3], high: [f32; 3]) -> Mesh {
+    cuboid(low.into(), high.into(), 1)
+}
+
+/// `from` and `to` in ascending order, on the positive or the negative side of an axis.
+fn on_side(side: f32, from: f32, to: f32) -> [f32; 2] {
+    if side > 0.0 { [from, to] } else { [-to, -from] }
+}
+
+/// The pilasters of both long walls that carry a rib.
+fn pilasters(x: f32) -> Vec<Mesh> {
+    let post = |side: f32, half: f32, [low, high]: [f32; 2], depth: f32| {
+        let [near, far] = on_side(side, HALF.y - depth, HALF.y + 0.02);
+        block([x - half, low, near], [x + half, high, far])
+    };
+    let of_side = |side: f32| {
+        [
+            post(side, 0.22, [0.0, EAVES + 0.12], 0.2),
+            post(side, 0.28, [-0.01, 0.4], 0.26),
+            post(side, 0.28, [EAVES - 0.3, EAVES - 0.12], 0.26),
+        ]
+    };
+    [-1.0, 1.0].into_iter().flat_map(of_side).collect()
+}
+
+/// Plinths and cornices between the pilasters, the plinths beside the arch, and the coping toward the courtyard.
+fn mouldings() -> Vec<Mesh> {
     let (x, z) = (HALF.x, HALF.y);
-    let block = |low: [f32; 3], high: [f32; 3]| cuboid(low.into(), high.into(), 1);
+    let cornice = [EAVES - 0.25, EAVES - 0.1];
     let mut parts = Vec::new();
-    for at in RIBS {
-        for side in [-1.0, 1.0] {
-            let depth = |from: f32, to: f32| {
-                let ends = [side * (z - from), side * (z + to)];
-                [ends[0].min(ends[1]), ends[0].max(ends[1])]
-            };
-            let post = |half: f32, [low, high]: [f32; 2], out: f32| {
-                let [near, far] = depth(out, 0.02);
-                block([at - half, low, near], [at + half, high, far])
-            };
-            parts.push(post(0.22, [0.0, EAVES + 0.12], 0.2));
-            parts.push(post(0.28, [-0.01, 0.4], 0.26));
-            parts.push(post(0.28, [EAVES - 0.3, EAVES - 0.12], 0.26));
-        }
-    }
-    // Along the long walls, between the pilasters: plinth and cornice.
     for pair in RIBS.windows(2) {
         let [left, right] = [pair[0] + 0.21, pair[1] - 0.21];
         parts.push(block([left, -0.01, z - 0.05], [right, 0.22, z + 0.02]));
-        parts.push(block(
-            [left, EAVES - 0.25, z - 0.1],
-            [right, EAVES - 0.1, z + 0.02],
-        ));
-        parts.push(block(
-            [left, EAVES - 0.25, -z - 0.02],
-            [right, EAVES - 0.1, 0.1 - z],
-        ));
-    }
-    for at in WINDOWS {
-        let (left, right) = (at - WINDOW - 0.12, at + WINDOW + 0.12);
-        parts.push(block(
-            [left, SILL - 0.07, z - 0.12],
-            [right, SILL + 0.02, z + WALL + 0.08],
-        ));
-        parts.push(block(
-            [left, HEAD - 0.02, z - 0.06],
-            [right, HEAD + 0.16, z + 0.1],
-        ));
-        for jamb in [left, right - 0.14] {
-            parts.push(block(
-                [jamb, SILL + 0.02, z - 0.04],
-                [jamb + 0.14, HEAD - 0.02, z + 0.1],
-            ));
+        for side in [-1.0, 1.0] {
+            let [near, far] = on_side(side, z - 0.1, z + 0.02);
+            parts.push(block([left, cornice[0], near], [right, cornice[1], far]));
         }
     }
-    let ring = bow(
-        [ARCH - 0.02, ARCH + 0.24],
-        FRAC_PI_2,
-        WALL + 0.12,
-        20 * detail,
-    );
-    let middle = vec3(-x - WALL / 2.0, SPRING, 0.0);
-    parts.push(transformed(ring, &Mat4::from_translation(middle)));
     for side in [-1.0, 1.0] {
-        let ends = [side * (ARCH - 0.02), side * (ARCH + 0.24)];
-        let (near, far) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-        parts.push(block(
-            [-x - WALL - 0.06, -0.01, near],
-            [0.06 - x, SPRING - 0.001, far],
-        ));
-    }
-    // Steps of the west wall on either side of the arch: plinth.
-    for side in [-1.0, 1.0] {
-        let ends = [side * (ARCH + 0.24), side * z];
-        let (near, far) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        let [near, far] = on_side(side, ARCH + 0.24, z);
         parts.push(block([-x - 0.02, -0.01, near], [0.05 - x, 0.22, far]));
     }
-    let [left, right] = DOORWAY;
+    let (top, end) = (CROWN + 0.6, z + WALL + 0.1);
     parts.push(block(
-        [left - 0.14, -0.01, -z - 0.02],
-        [left, DOOR, 0.06 - z],
-    ));
-    parts.push(block(
-        [right, -0.01, -z - 0.02],
-        [right + 0.14, DOOR, 0.06 - z],
-    ));
-    parts.push(block(
-        [left - 0.14, DOOR, -z - 0.02],
-        [right + 0.14, DOOR + 0.16, 0.06 - z],
+        [-x - WALL - 0.15, top - 0.12, -end],
+        [-x + 0.01, top + 0.12, end],
     ));
     parts
+}
+
+/// Sill, lintel and jambs of a window.
+fn window_case(x: f32) -> [Mesh; 4] {
+    let z = HALF.y;
+    let (left, right) = (x - WINDOW - 0.12, x + WINDOW + 0.12);
+    let jamb = |at: f32| {
+        block(
+            [at, SILL + 0.02, z - 0.04],
+            [at + 0.14, HEAD - 0.02, z + 0.1],
+        )
+    };
+    [
+        block(
+            [left, SILL - 0.07, z - 0.12],
+            [right, SILL + 0.02, z + WALL + 0.08],
+        ),
+        block([left, HEAD - 0.02, z - 0.06], [right, HEAD + 0.16, z + 0.1]),
+        jamb(left),
+        jamb(right - 0.14),
+    ]
+}
+
+fn door_case() -> [Mesh; 3] {
+    let [left, right] = DOORWAY;
+    let (far, near) = (-HALF.y - 0.02, 0.06 - HALF.y);
+    [
+        block([left - 0.14, -0.01, far], [left, DOOR, near]),
+        block([right, -0.01, far], [right + 0.14, DOOR, near]),
+        block([left - 0.14, DOOR, far], [right + 0.14, DOOR + 0.16, near]),
+    ]
+}
+
+/// The ring of the arch and its posts, on both faces of the wall.
+fn arch_ring(detail: u32) -> [Mesh; 3] {
+    let (inner, outer) = (ARCH - 0.02, ARCH + 0.24);
+    let ring = bow([inner, outer], FRAC_PI_2, WALL + 0.12, 20 * detail);
+    let middle = vec3(-HALF.x - WALL / 2.0, SPRING, 0.0);
+    let post = |side: f32| {
+        let [near, far] = on_side(side, inner, outer);
+        block(
+            [-HALF.x - WALL - 0.06, -0.01, near],
+            [0.06 - HALF.x, SPRING - 0.001, far],
+        )
+    };
+    let ring = transformed(ring, &Mat4::from_translation(middle));
+    [ring, post(-1.0), post(1.0)]
 }
 
 /// Frame and bars of a window.
@@ -245,7 +265,6 @@ fn gallery() -> Mesh {
 /// Beams and columns below the gallery, and its railing.
 fn gallery_steel(detail: u32) -> Vec<Mesh> {
     let under = GALLERY - 0.1;
-    let block = |low: [f32; 3], high: [f32; 3]| cuboid(low.into(), high.into(), 1);
     let (x, z) = (HALF.x, HALF.y);
     let mut parts = vec![
         block(
@@ -312,7 +331,6 @@ fn railing(detail: u32) -> Vec<Mesh> {
 fn chamber() -> [Mesh; 4] {
     let [left, right] = [DOORWAY[0] - 0.8, DOORWAY[1] + 0.8];
     let (front, back) = (-HALF.y - WALL, -HALF.y - WALL - 2.4);
-    let block = |low: [f32; 3], high: [f32; 3]| cuboid(low.into(), high.into(), 1);
     [
         block([left - 0.2, 0.0, back - 0.2], [left, 2.7, front]),
         block([right, 0.0, back - 0.2], [right + 0.2, 2.7, front]),

@@ -9,8 +9,7 @@ use super::motion::eased;
 use super::stage::Stage;
 use super::{GALLERY, HALF, LANDING, LOOP, WALL};
 use crate::builtin::shapes::{
-    bow, cone, cuboid, cylinder, hexahedron, pierced, revolution, sharp_profile, sphere,
-    transformed,
+    bow, cone, cuboid, cylinder, hexahedron, revolution, sharp_profile, sphere, transformed,
 };
 use crate::normals::{CREASE_ANGLE, smooth_normals};
 use crate::{Camera, Light, LightKind, Mesh};
@@ -52,7 +51,7 @@ fn sun(stage: &mut Stage) {
     let light = carried(
         "sun",
         LightKind::Directional,
-        vec3(15.0, 13.4, 11.0),
+        vec3(11.0, 9.9, 8.3),
         0.0047,
         node,
     );
@@ -282,7 +281,7 @@ fn fan(stage: &mut Stage) {
 
 /// A glass vase on a turntable, on a stand of steel.
 fn turntable(stage: &mut Stage) {
-    let at = vec3(4.1, 0.0, -0.9);
+    let at = vec3(3.3, 0.0, -1.5);
     let detail = stage.detail;
     let (steel, brushed, glass, wood) = (
         stage.palette.steel,
@@ -302,13 +301,7 @@ fn turntable(stage: &mut Stage) {
         .into_iter()
         .map(|(x, z)| block([x, 0.0, z], [x + 0.06, 0.781, z + 0.06]))
         .collect();
-    let shelf = pierced(
-        at + vec3(-0.39, 0.2, -0.39),
-        at + vec3(0.39, 0.23, 0.39),
-        1,
-        &[],
-    );
-    frame.push(shelf);
+    frame.push(block([-0.39, 0.2, -0.39], [0.39, 0.23, 0.39]));
     stage.place("stand frame", steel, frame);
     let node = stage
         .motion

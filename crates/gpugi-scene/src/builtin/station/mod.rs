@@ -46,6 +46,9 @@ pub(super) fn build(detail: u32) -> Scene {
     machines::add(&mut stage);
     robots::add(&mut stage);
     air::add(&mut stage);
-    stage.scene.environment = Some(Environment::clear_sky());
+    stage.scene.environment = Some(Environment {
+        intensity: 1.7,
+        ..Environment::clear_sky()
+    });
     stage.finish()
 }

@@ -1,5 +1,7 @@
 //! Nodes and what moves them, as functions of the part of a period that has passed (0 to 1).
 
+use std::ops::{Add, Mul};
+
 use glam::{DVec3, Mat4, Quat, Vec3};
 
 use crate::animation::{Animation, Channel, Interpolation, Node, Property, Rig, Transform};
@@ -98,4 +100,12 @@ impl Motion {
 pub fn eased(value: f32, start: f32, end: f32) -> f32 {
     let t = ((value - start) / (end - start)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
+}
+
+/// The value at `part` (0 to 1) of the way through `values`, which lie at equal steps; linear between them.
+pub fn sampled<T: Copy + Add<Output = T> + Mul<f32, Output = T>>(values: &[T], part: f32) -> T {
+    let along = part * (values.len() - 1) as f32;
+    let before = (along as usize).min(values.len() - 2);
+    let t = along - before as f32;
+    values[before] * (1.0 - t) + values[before + 1] * t
 }

@@ -2,8 +2,9 @@
 
 use glam::{Vec2, Vec3, vec2, vec3};
 
+use super::motion::eased;
 use super::stage::Finish;
-use crate::builtin::textures::{Spot, lattice, leaf, noise, relief, turbulence};
+use crate::builtin::textures::{Spot, image, lattice, noise, pointed_leaf, relief, turbulence};
 use crate::{AlphaMode, Image, Material, Scene, Texture, TextureRef, Volume, Wrap};
 
 pub struct Palette {
@@ -122,7 +123,7 @@ fn textured(
 
 /// Lines of light text on a dark blue screen.
 fn screen(scene: &mut Scene) -> Finish {
-    let image = crate::builtin::textures::image("screen", 128, |uv| {
+    let image = image("screen", 128, |uv| {
         let cell = (uv * vec2(48.0, 24.0)).floor();
         let line = (cell.y as u32 % 24) * 7;
         let is_text = cell.y % 2.0 == 1.0
@@ -148,10 +149,10 @@ fn screen(scene: &mut Scene) -> Finish {
 
 fn foliage(scene: &mut Scene) -> Finish {
     let material = Material {
-        base_color_texture: texture(scene, leaf("leaf", 64)),
+        base_color_texture: texture(scene, pointed_leaf("leaf", 64)),
         alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
         double_sided: true,
-        ..Material::matt("leaf", vec3(1.0, 0.75, 0.3))
+        ..Material::matt("leaf", Vec3::ONE)
     };
     Finish {
         material: scene.add_material(material),
@@ -170,11 +171,6 @@ fn bond(uv: Vec2, columns: u32, rows: u32, shift: f32) -> (u32, f32) {
     (column as u32 % columns + row as u32 * columns, to_edge)
 }
 
-/// Rises from 0 to 1 between `start` and `end`.
-fn ramp(value: f32, start: f32, end: f32) -> f32 {
-    super::motion::eased(value, start, end)
-}
-
 fn matt(color: Vec3, height: f32, roughness: f32) -> Spot {
     Spot {
         color,
@@ -187,7 +183,7 @@ fn matt(color: Vec3, height: f32, roughness: f32) -> Spot {
 /// Blocks of warm limestone, 1 m x 0.5 m.
 fn stone(uv: Vec2) -> Spot {
     let (number, to_edge) = bond(uv, 3, 6, 0.5);
-    let face = ramp(to_edge, 0.01, 0.06);
+    let face = eased(to_edge, 0.01, 0.06);
     let (own, grain) = (lattice(number, 11), turbulence(uv));
     let color = vec3(0.74, 0.67, 0.56).lerp(vec3(0.66, 0.62, 0.57), own) * (0.72 + 0.4 * grain);
     let joint = vec3(0.5, 0.46, 0.4);
@@ -196,7 +192,7 @@ fn stone(uv: Vec2) -> Spot {
 
 fn brick(uv: Vec2) -> Spot {
     let (number, to_edge) = bond(uv, 4, 12, 0.5);
-    let face = ramp(to_edge, 0.06, 0.16);
+    let face = eased(to_edge, 0.06, 0.16);
     let (own, grain) = (lattice(number, 13), turbulence(uv));
     let clay = vec3(0.62, 0.33, 0.23).lerp(vec3(0.5, 0.3, 0.25), own) * (0.7 + 0.5 * grain);
     let mortar = vec3(0.6, 0.57, 0.52) * (0.8 + 0.2 * grain);
@@ -209,9 +205,9 @@ fn plates(uv: Vec2) -> Spot {
     let (own, grain) = (lattice(number, 17), turbulence(uv));
     let inside = (uv * 2.0).fract();
     let from_rivet = (inside.min(1.0 - inside) - 0.055).length();
-    let rivet = 1.0 - ramp(from_rivet, 0.012, 0.02);
-    let slab = ramp(to_edge, 0.1, 0.11);
-    let gap = 1.0 - ramp(to_edge, 0.004, 0.012);
+    let rivet = 1.0 - eased(from_rivet, 0.012, 0.02);
+    let slab = eased(to_edge, 0.1, 0.11);
+    let gap = 1.0 - eased(to_edge, 0.004, 0.012);
     let stone = (vec3(0.43, 0.4, 0.37) + 0.06 * own) * (0.7 + 0.5 * grain);
     let steel = vec3(0.36, 0.34, 0.32) * (0.75 + 0.4 * grain);
     let color = steel.lerp(stone, slab) * (1.0 - 0.7 * gap);
@@ -225,7 +221,7 @@ fn plates(uv: Vec2) -> Spot {
 
 fn paving(uv: Vec2) -> Spot {
     let (number, to_edge) = bond(uv, 4, 6, 0.5);
-    let face = ramp(to_edge, 0.01, 0.09);
+    let face = eased(to_edge, 0.01, 0.09);
     let (own, grain) = (lattice(number, 19), turbulence(uv));
     let slab = (vec3(0.56, 0.53, 0.48) + 0.1 * (own - 0.5)) * (0.7 + 0.45 * grain);
     let moss = vec3(0.34, 0.36, 0.24);
@@ -234,7 +230,7 @@ fn paving(uv: Vec2) -> Spot {
 
 fn plaster(uv: Vec2) -> Spot {
     let grain = turbulence(uv);
-    let stain = ramp(noise(uv, [3, 5]), 0.55, 0.9);
+    let stain = eased(noise(uv, [3, 5]), 0.55, 0.9);
     let color = vec3(0.8, 0.77, 0.7) * (0.85 + 0.2 * grain) * (1.0 - 0.15 * stain);
     matt(color, 0.003 * grain, 0.95)
 }
@@ -242,7 +238,7 @@ fn plaster(uv: Vec2) -> Spot {
 /// Small glazed tiles, 10 cm wide.
 fn tiles(uv: Vec2) -> Spot {
     let (number, to_edge) = bond(uv, 12, 12, 0.0);
-    let face = ramp(to_edge, 0.03, 0.1);
+    let face = eased(to_edge, 0.03, 0.1);
     let glaze = vec3(0.25, 0.6, 0.62).lerp(vec3(0.5, 0.74, 0.72), lattice(number, 23));
     let grout = vec3(0.72, 0.7, 0.64);
     matt(grout.lerp(glaze, face), 0.002 * face, 0.7)
@@ -250,14 +246,11 @@ fn tiles(uv: Vec2) -> Spot {
 
 /// Six planks along u.
 fn wood(uv: Vec2) -> Spot {
-    let (number, to_edge) = bond(uv, 1, 6, 0.0);
-    let face = ramp(
-        (uv.y * 6.0).fract().min(1.0 - (uv.y * 6.0).fract()),
-        0.01,
-        0.06,
-    );
+    let plank = (uv.y * 6.0).floor();
+    let across = uv.y * 6.0 - plank;
+    let face = eased(across.min(1.0 - across), 0.01, 0.06);
     let grain = 0.6 * noise(uv, [3, 60]) + 0.4 * noise(uv, [6, 128]);
-    let own = lattice(number, 29) + 0.0 * to_edge;
+    let own = lattice(plank as u32, 29);
     let color = vec3(0.5, 0.33, 0.19).lerp(vec3(0.4, 0.25, 0.14), own) * (0.65 + 0.5 * grain);
     matt(
         color * (0.4 + 0.6 * face),
@@ -269,7 +262,7 @@ fn wood(uv: Vec2) -> Spot {
 /// Green paint that flakes off rusty iron.
 fn rust(uv: Vec2) -> Spot {
     let grain = turbulence(uv);
-    let bare = ramp(0.6 * grain + 0.5 * noise(uv, [5, 5]), 0.5, 0.58);
+    let bare = eased(0.6 * grain + 0.5 * noise(uv, [5, 5]), 0.5, 0.58);
     let paint = vec3(0.24, 0.36, 0.33) * (0.85 + 0.3 * grain);
     let iron = vec3(0.46, 0.24, 0.12) * (0.5 + 0.9 * noise(uv, [24, 24]));
     matt(

@@ -46,14 +46,16 @@ pub fn add(stage: &mut Stage) {
             radius: 2.1,
         },
         cycles: 20,
+        period: LOOP,
     };
     let on_gallery = Walk {
         path: Path {
-            middle: vec3(1.6, GALLERY, -3.2),
-            half: 3.4,
+            middle: vec3(-2.3, GALLERY, -3.4),
+            half: 1.6,
             radius: 0.42,
         },
-        cycles: 18,
+        cycles: 10,
+        period: LOOP / 2.0,
     };
     robot(stage, "robot", &around_basin, vec3(0.72, 0.7, 0.66), 0.86);
     robot(
@@ -76,7 +78,7 @@ fn robot(stage: &mut Stage, name: &str, walk: &Walk, plates: Vec3, start: f32) {
         };
         nodes.push(motion.node(parent, Mat4::from_translation(at - from)));
     }
-    let pace = (LOOP, 16 * walk.cycles as usize);
+    let pace = (walk.period, 16 * walk.cycles as usize);
     let gait = |phase: f32| walk.gait(phase + start);
     motion.slide(nodes[PELVIS], pace, |phase| gait(phase).pelvis);
     for (joint, node) in nodes.iter().enumerate() {

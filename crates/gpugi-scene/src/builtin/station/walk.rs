@@ -63,6 +63,8 @@ const STANDS: f32 = 0.6;
 pub struct Walk {
     pub path: Path,
     pub cycles: u32,
+    /// Time in which it does so (s).
+    pub period: f32,
 }
 
 /// Where pelvis, legs and arms are. Rotations are in the world.
