@@ -150,7 +150,8 @@ fn screen(scene: &mut Scene) -> Finish {
 fn foliage(scene: &mut Scene) -> Finish {
     let material = Material {
         base_color_texture: texture(scene, pointed_leaf("leaf", 64)),
-        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        // Below the mean of a leaf's alpha, so that coarse levels of the texture do not lose it.
+        alpha_mode: AlphaMode::Mask { cutoff: 0.3 },
         double_sided: true,
         ..Material::matt("leaf", Vec3::ONE)
     };
