@@ -57,7 +57,7 @@ pub(super) fn build(detail: u32) -> Scene {
 }
 
 /// Densities from 0, outside of an ellipsoid, to 1.
-fn cumulus() -> DensityGrid {
+pub(super) fn cumulus() -> DensityGrid {
     let place = |index: u32| (index as f32 + 0.5) / CELLS as f32;
     let mut values = Vec::with_capacity((CELLS * CELLS * CELLS) as usize);
     for z in 0..CELLS {
@@ -85,7 +85,7 @@ fn cumulus() -> DensityGrid {
 }
 
 /// Four octaves of noise, each with twice the frequency and half the amplitude; 0 to 1.
-fn fractal_noise(point: Vec3) -> f32 {
+pub(super) fn fractal_noise(point: Vec3) -> f32 {
     let octaves = (0..4).map(|octave| {
         let frequency = (1 << octave) as f32;
         noise(point * frequency) / (2.0 * frequency)

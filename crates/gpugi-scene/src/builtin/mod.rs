@@ -12,6 +12,7 @@ mod room;
 mod shapes_scene;
 mod solid_teapot;
 mod spheres;
+mod station;
 mod teapot;
 mod textures;
 mod window_room;
@@ -74,6 +75,11 @@ pub const SCENES: &[BuiltinScene] = &[
         name: "window-room",
         summary: "hotel room of walls without thickness, in centimetres, that sees sky and sun through one window",
         build: window_room::build,
+    },
+    BuiltinScene {
+        name: "station",
+        summary: "level of a game: stone hall with gallery and basin, courtyard behind an arch, much of which moves",
+        build: station::build,
     },
     BuiltinScene {
         name: "cloud",

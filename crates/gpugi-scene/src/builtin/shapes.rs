@@ -5,9 +5,10 @@
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-use glam::{Mat3, Mat4, Vec2, Vec3, vec2, vec3};
+use glam::{Mat3, Mat4, Quat, Vec2, Vec3, vec2, vec3};
 
 use crate::Mesh;
+use crate::normals::smooth_normals;
 
 /// A vertex of a generated shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -152,6 +153,135 @@ pub fn cuboid(min: Vec3, max: Vec3, divisions: u32) -> Mesh {
     hexahedron(level(min.y), level(max.y), divisions)
 }
 
+/// A slab between two corners (m), pierced along `axis` (0, 1 or 2) by rectangular openings. An opening is given by two
+/// corners in the plane of the slab: z and y, x and z, or x and y.
+pub fn pierced(min: Vec3, max: Vec3, axis: usize, openings: &[[Vec2; 2]]) -> Mesh {
+    let [across, along] = [[2, 1], [0, 2], [0, 1]][axis];
+    let block = |[left, right]: [f32; 2], [low, high]: [f32; 2]| {
+        let (mut from, mut to) = (min, max);
+        (from[across], to[across]) = (left, right);
+        (from[along], to[along]) = (low, high);
+        cuboid(from, to, 1)
+    };
+    let mut cuts = vec![min[across], max[across]];
+    cuts.extend(openings.iter().flat_map(|[low, high]| [low.x, high.x]));
+    cuts.sort_by(f32::total_cmp);
+    cuts.dedup();
+    let mut blocks = Vec::new();
+    for strip in cuts.windows(2) {
+        let strip = [strip[0], strip[1]];
+        let is_across = |[low, high]: &&[Vec2; 2]| low.x <= strip[0] && strip[1] <= high.x;
+        let mut holes: Vec<_> = openings.iter().filter(is_across).collect();
+        holes.sort_by(|a, b| a[0].y.total_cmp(&b[0].y));
+        let mut low = min[along];
+        for hole in holes {
+            if hole[0].y > low {
+                blocks.push(block(strip, [low, hole[0].y]));
+            }
+            low = hole[1].y;
+        }
+        if low < max[along] {
+            blocks.push(block(strip, [low, max[along]]));
+        }
+    }
+    join("pierced", blocks)
+}
+
+/// A bar of `length` (m) along X, bent about it: the part of a ring with these radii (m) up to `half_angle` (rad) on
+/// either side of +Y. Its axis runs through the origin.
+pub fn bow([inner, outer]: [f32; 2], half_angle: f32, length: f32, steps: u32) -> Mesh {
+    let direction = |step: u32| {
+        let angle = half_angle * (2.0 * step as f32 / steps as f32 - 1.0);
+        vec3(0.0, angle.cos(), angle.sin())
+    };
+    let half = Vec3::X * length / 2.0;
+    let at = |side: f32, radius: f32, step: u32| direction(step) * radius + half * side;
+    let vertex = |position: Vec3, normal: Vec3, column: u32, row: u32| Vertex {
+        position,
+        normal,
+        uv: vec2(column as f32, row as f32),
+    };
+    let side = |column: u32| 2.0 * column as f32 - 1.0;
+    let radius = |row: u32| if row == 0 { outer } else { inner };
+    let above = grid(1, steps, |column, row| {
+        vertex(at(side(column), outer, row), direction(row), column, row)
+    });
+    let below = grid(1, steps, |column, row| {
+        let step = steps - row;
+        vertex(at(side(column), inner, step), -direction(step), column, row)
+    });
+    let left = grid(steps, 1, |column, row| {
+        vertex(at(-1.0, radius(row), column), Vec3::NEG_X, column, row)
+    });
+    let right = grid(steps, 1, |column, row| {
+        let step = steps - column;
+        vertex(at(1.0, radius(row), step), Vec3::X, column, row)
+    });
+    let foot = |step: u32, first: f32| {
+        let [a, b] = [first, -first];
+        quadrilateral(
+            [
+                at(a, inner, step),
+                at(b, inner, step),
+                at(b, outer, step),
+                at(a, outer, step),
+            ],
+            1,
+        )
+    };
+    join(
+        "bow",
+        [above, below, left, right, foot(steps, -1.0), foot(0, 1.0)],
+    )
+}
+
+/// A closed surface about +Y, from its top to its bottom. `point` takes the way down and the turn from +Z toward +X, both
+/// 0 to 1; the first and last rows shrink to the point at turn 0.
+pub fn lofted(columns: u32, rows: u32, point: impl Fn(f32, f32) -> Vec3) -> Mesh {
+    let mut mesh = grid(columns, rows, |column, row| {
+        let turn = match row {
+            0 => 0,
+            _ if row == rows => 0,
+            _ => column % columns,
+        };
+        Vertex {
+            position: point(row as f32 / rows as f32, turn as f32 / columns as f32),
+            normal: Vec3::Y,
+            uv: vec2(column as f32 / columns as f32, row as f32 / rows as f32),
+        }
+    });
+    smooth_normals(&mut mesh, 1.0);
+    named("lofted", mesh)
+}
+
+/// `mesh` with texture coordinates and tangents of a texture that covers `side` x `side` (m), laid on from the axis that
+/// each normal is nearest to.
+pub fn papered(mut mesh: Mesh, side: f32) -> Mesh {
+    let axes = |normal: Vec3| {
+        let size = normal.abs();
+        let sign = |value: f32| 1.0_f32.copysign(value);
+        if size.y >= size.max_element() {
+            (Vec3::X, Vec3::Z * sign(normal.y))
+        } else if size.x >= size.z {
+            (Vec3::NEG_Z * sign(normal.x), Vec3::NEG_Y)
+        } else {
+            (Vec3::X * sign(normal.z), Vec3::NEG_Y)
+        }
+    };
+    let vertices = mesh.positions.iter().zip(&mesh.normals);
+    (mesh.uvs[0], mesh.tangents) = vertices
+        .map(|(position, normal)| {
+            let (right, down) = axes(*normal);
+            let tangent = right.reject_from_normalized(*normal).normalize();
+            (
+                vec2(position.dot(right), position.dot(down)) / side,
+                tangent.extend(1.0),
+            )
+        })
+        .unzip();
+    mesh
+}
+
 /// A point of a profile for [`revolution`]: x is the distance from the axis, y the height.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProfilePoint {
@@ -239,6 +369,17 @@ pub fn cylinder(radius: f32, height: f32, columns: u32) -> Mesh {
     named(
         "cylinder",
         revolution(&sharp_profile(&corners), columns.max(3)),
+    )
+}
+
+/// A cylinder around the way between two points (m), with caps.
+pub fn rod(from: Vec3, to: Vec3, radius: f32, columns: u32) -> Mesh {
+    let way = to - from;
+    let turn = Quat::from_rotation_arc(Vec3::Y, way.normalize());
+    let place = Mat4::from_rotation_translation(turn, from);
+    named(
+        "rod",
+        transformed(cylinder(radius, way.length(), columns), &place),
     )
 }
 

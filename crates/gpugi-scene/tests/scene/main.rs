@@ -17,4 +17,5 @@ mod obj;
 mod ply;
 mod random;
 mod serialized;
+mod station;
 mod untrusted;
