@@ -26,7 +26,7 @@ const FEW: usize = 4;
 /// Newton's steps to the ray through the middle of the stop.
 const STEPS: u32 = 20;
 
-/// `GhostAt` of ghosts.wesl: a ghost of light at one angle. Lengths are in focal lengths, places on the stop in radii of
+/// `GhostAt` of place.wesl: a ghost of light at one angle. Lengths are in focal lengths, places on the stop in radii of
 /// the widest one. The first of two numbers is along the plane of axis and light, the second one across it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -34,7 +34,8 @@ pub struct GhostAt {
     /// Its mean place in the picture, toward the light.
     pub center: f32,
     /// How places in the picture change with that on the stop.
-    pub size: [f32; 2],
+    pub size_along: f32,
+    pub size_across: f32,
     /// Area of light that comes in per area of the stop, across the light's direction.
     pub gathered: f32,
     /// Share of light that arrives, in red, green and blue.
@@ -135,7 +136,8 @@ impl Bundle<'_> {
         let ghost = GhostAt {
             // What the film shows is upside down.
             center: -film.mean as f32,
-            size: (-size).to_array().map(|value| value as f32),
+            size_along: -size.x as f32,
+            size_across: -size.y as f32,
             gathered: (cosine * (entrance.slope.x * entrance.slope.y).abs()) as f32,
             arriving: self.arriving(&chief, coating).map(|share| share as f32),
             stop: stop.mean as f32,
@@ -333,7 +335,7 @@ mod tests {
         let mix = |one: f32, other: f32| one + part * (other - one);
         let mixed: [f32; 24] = std::array::from_fn(|index| mix(one[index], other[index]));
         let mut ghost: GhostAt = bytemuck::cast(mixed);
-        ghost.size = [1, 2].map(|axis| {
+        [ghost.size_along, ghost.size_across] = [1, 2].map(|axis| {
             let nearer = if part < 0.5 { one[axis] } else { other[axis] };
             mix(one[axis].abs(), other[axis].abs()) * nearer.signum()
         });
@@ -353,7 +355,7 @@ mod tests {
                 && within(3, opening)
         });
         let place = |at: DVec2| {
-            let [along, across] = ghost.size.map(f64::from);
+            let [along, across] = [ghost.size_along, ghost.size_across].map(f64::from);
             dvec2(
                 f64::from(ghost.center) + along * (at.x - f64::from(ghost.stop)),
                 across * at.y,

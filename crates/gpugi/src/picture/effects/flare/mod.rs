@@ -50,8 +50,10 @@ impl Settings {
 
 /// Height of the film (m), that of 36 x 24 mm.
 const FILM_HEIGHT: f32 = 0.024;
-/// Side of a tile of which the light is summed: `TILE` of tiles.wesl.
-const TILE: u32 = 32;
+/// Rows of tiles, of which the light is summed, in a picture. A lamp as wide as a few of them is a few sources.
+const TILE_ROWS: u32 = 16;
+/// Least side of a tile (pixels).
+const LEAST_TILE: u32 = 8;
 /// Invocations of its workgroups.
 const LANES: u32 = 256;
 /// Bytes of `Ghost` of flare.wesl.
@@ -76,6 +78,8 @@ struct FlareUniform {
     ghosts: u32,
     lamps: u32,
     tiles: [u32; 2],
+    tile: u32,
+    padding: u32,
     has_ghosts: u32,
     has_rays: u32,
 }
@@ -170,6 +174,11 @@ fn opening(lens: &Prescription, f_number: f32) -> f64 {
     (1.0 / (2.0 * lens.pupil * f64::from(f_number))).min(1.0)
 }
 
+/// Side of a tile of a picture (pixels).
+fn tile(size: [u32; 2]) -> u32 {
+    size[1].div_ceil(TILE_ROWS).max(LEAST_TILE)
+}
+
 impl Images {
     fn new(
         gpu: &Gpu,
@@ -179,7 +188,7 @@ impl Images {
     ) -> Result<Self, GpuError> {
         let source = size_of::<Source>() as u64;
         let tiles: u64 = size
-            .map(|side| u64::from(side.div_ceil(TILE)))
+            .map(|side| u64::from(side.div_ceil(tile(size))))
             .iter()
             .product();
         let storage = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
@@ -365,7 +374,9 @@ fn uniform(
         angles: ghosts::ANGLES,
         ghosts: made.ghosts,
         lamps: lamps as u32,
-        tiles: size.map(|side| side.div_ceil(TILE)),
+        tiles: size.map(|side| side.div_ceil(tile(size))),
+        tile: tile(size),
+        padding: 0,
         has_ghosts: settings.ghosts.into(),
         has_rays: settings.rays.into(),
     }
