@@ -105,7 +105,7 @@ pub enum Look {
     /// What the scene sends to the eye
     #[default]
     Plain,
-    /// What a camera makes of it: glow, flare, vignette, exposure that adapts, the film's tone map
+    /// What a camera makes of it: glow, flare, exposure that adapts, ACES; a vignette if it has an aperture
     Film,
 }
 

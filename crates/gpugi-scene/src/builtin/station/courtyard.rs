@@ -155,7 +155,7 @@ fn tree(detail: u32) -> Vec<Mesh> {
     parts
 }
 
-/// A random direction and a number from 0 to 1.
+/// A random point of the cube from -1 to 1, and a number from 0 to 1.
 fn random(index: u32, seed: u32) -> (Vec3, f32) {
     let part = |salt: u32| lattice(index, seed + salt) * 2.0 - 1.0;
     (vec3(part(0), part(1), part(2)), lattice(index, seed + 3))

@@ -242,7 +242,7 @@ fn frame(x: f32) -> Vec<Mesh> {
     };
     let across =
         |at: f32, half: f32, depth: f32| bar(vec2(left, at - half), vec2(right, at + half), depth);
-    let third = (HEAD - SILL) / 4.0;
+    let quarter = (HEAD - SILL) / 4.0;
     let mut parts = vec![
         upright(left + 0.035, 0.035, 0.05),
         upright(right - 0.035, 0.035, 0.05),
@@ -250,7 +250,7 @@ fn frame(x: f32) -> Vec<Mesh> {
         across(HEAD - 0.03, 0.035, 0.048),
     ];
     parts.extend([-1.0, 1.0].map(|side| upright(x + side * WINDOW / 3.0, 0.018, 0.03)));
-    parts.extend((1..4).map(|i| across(SILL + third * i as f32, 0.018, 0.028)));
+    parts.extend((1..4).map(|i| across(SILL + quarter * i as f32, 0.018, 0.028)));
     parts
 }
 

@@ -127,7 +127,7 @@ fn lift(stage: &mut Stage) {
 /// A door that slides into the wall's east, and the lamp in the room behind it.
 fn door(stage: &mut Stage) {
     let [left, right] = DOORWAY;
-    let (paint, glow, steel) = (stage.palette.rust, stage.palette.glow, stage.palette.steel);
+    let (rust, glow, steel) = (stage.palette.rust, stage.palette.glow, stage.palette.steel);
     let z = -HALF.y - 0.6 * WALL;
     let node = stage.motion.node(None, Mat4::IDENTITY);
     stage.motion.slide(node, (LOOP, 100), |phase| {
@@ -149,7 +149,7 @@ fn door(stage: &mut Stage) {
     stage.carry(
         "door",
         node,
-        paint,
+        rust,
         [leaf, rail(0.3), rail(1.05), rail(1.75)],
     );
     let middle = (left + right) / 2.0;

@@ -7,6 +7,7 @@ use super::stage::Finish;
 use crate::builtin::textures::{Spot, image, lattice, noise, pointed_leaf, relief, turbulence};
 use crate::{AlphaMode, Image, Material, Scene, Texture, TextureRef, Volume, Wrap};
 
+/// The materials of the scene.
 pub struct Palette {
     pub stone: Finish,
     pub trim: Finish,

@@ -7,6 +7,7 @@ use super::palette::Palette;
 use crate::builtin::shapes::join;
 use crate::{Mesh, Scene};
 
+/// The scene that is built: its static parts by material, and what moves.
 pub struct Stage {
     pub scene: Scene,
     pub motion: Motion,

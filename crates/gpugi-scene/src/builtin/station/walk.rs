@@ -67,7 +67,7 @@ pub struct Walk {
     pub period: f32,
 }
 
-/// Where pelvis, legs and arms are. Rotations are in the world.
+/// Where pelvis and legs are. Rotations are in the world.
 pub struct Gait {
     pub pelvis: Vec3,
     pub heading: Quat,
@@ -134,7 +134,7 @@ fn reach(hip: Vec3, ankle: Vec3, left: Vec3) -> [Quat; 2] {
     let length = way.length().min(0.999 * (THIGH + SHIN));
     let cosine = (THIGH * THIGH + length * length - SHIN * SHIN) / (2.0 * THIGH * length);
     let thigh = Quat::from_axis_angle(left, -cosine.clamp(-1.0, 1.0).acos()) * way.normalize();
-    let shin = (hip + way.normalize() * length - hip - thigh * THIGH).normalize();
+    let shin = (way.normalize() * length - thigh * THIGH).normalize();
     [thigh, shin].map(|bone| {
         let x = left.reject_from_normalized(bone).normalize();
         Quat::from_mat3(&Mat3::from_cols(x, -bone, x.cross(-bone)))

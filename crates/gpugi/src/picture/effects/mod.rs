@@ -13,7 +13,7 @@ pub mod vignette;
 
 use crate::settings::{SettingError, SettingSet};
 
-/// Share of light that lenses scatter, of that which eyes do: a few percent of all light, of which the eye scatters half.
+/// What lenses scatter, as a part of what eyes scatter.
 const CAMERA_GLOW: f32 = 0.1;
 
 /// Settings of all effects, in the order in which they are applied.
@@ -63,8 +63,8 @@ impl Effects {
         }
     }
 
-    /// The same as a camera shows it, not an eye: with what its lens scatters, reflects and keeps from corners, an exposure
-    /// that follows the light, and the contrast of film.
+    /// The same as a camera shows it, not an eye: with what its lens scatters and reflects, darker corners if it has an
+    /// aperture, an exposure that follows the light, and the contrast of film.
     pub fn of_a_camera(mut self) -> Self {
         self.glow.strength = CAMERA_GLOW;
         self.flare.strength = 1.0;

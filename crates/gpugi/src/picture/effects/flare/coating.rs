@@ -6,9 +6,9 @@ crate::choices! {
     /// What surfaces between glass and air are coated with.
     #[derive(Default)]
     pub enum Coating {
-        /// Nothing: each reflects four to seven percent.
+        /// Nothing: each reflects five to seven percent.
         None = "none",
-        /// A quarter of a wave of magnesium fluoride, for 480, 550 and 620 nm in turn: about one percent.
+        /// A quarter of a wave of magnesium fluoride, for 550, 480 and 620 nm in turn: about one percent.
         #[default]
         Single = "single",
     }
@@ -51,6 +51,10 @@ pub fn reflectance(
 /// phase d = 2 pi n t cos; the mean of both polarizations. Born, Wolf, "Principles of Optics", section 1.6.4.
 fn through_film(indices: [f64; 3], thickness: f64, cosine: f64) -> f64 {
     let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    // Total reflection, if not at the film, then behind it.
+    if indices[0] * sine >= indices[2] {
+        return 1.0;
+    }
     let cosines = indices.map(|index| (1.0 - (indices[0] * sine / index).powi(2)).max(0.0).sqrt());
     let phase = 2.0 * TAU * indices[1] * thickness * cosines[1];
     let amplitudes = |side: usize, is_parallel: bool| {
@@ -94,6 +98,7 @@ mod tests {
         }
         let cemented = reflectance(Coating::Single, 0, [1.67, 1.699], 1.0);
         close(cemented[0], (0.029_f64 / 3.369).powi(2));
+        assert_eq!(reflectance(Coating::Single, 0, [1.67, 1.0], 0.5), [1.0; 3]);
         // At Brewster's angle, the parallel half is lost.
         let angle = 1.5_f64.atan();
         let half = ((1.5 * 1.5 - 1.0) / (1.5_f64 * 1.5 + 1.0)).powi(2) / 2.0;

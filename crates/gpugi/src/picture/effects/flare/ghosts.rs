@@ -19,7 +19,7 @@ pub const TANGENT_STEP: f64 = 0.025;
 
 /// Rays across the opening of which a ghost is made.
 const RAYS: u32 = 20;
-/// How much wider than the opening is by its slope at the middle the rays are that may pass it.
+/// Margin of the grid of rays beyond the opening, as its slope at the middle tells it.
 const WIDER: f64 = 1.3;
 /// Rays that are too few for that.
 const FEW: usize = 4;

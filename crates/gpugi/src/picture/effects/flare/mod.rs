@@ -1,5 +1,5 @@
-//! Flare: what a lens throws where it does not belong. Pairs of its surfaces reflect light twice, which makes ghosts, and the
-//! edges of its stop diffract it, which makes rays. docs/effects/flare.md.
+//! Flare: what a lens throws where it does not belong. Pairs of its surfaces reflect light twice, which makes ghosts, and
+//! the edges of its stop diffract it, which makes rays. docs/effects/flare.md.
 
 mod coating;
 mod ghosts;
@@ -30,7 +30,7 @@ crate::settings! {
         pub strength: f32 = 0.0 => in_range(0.0, 1000.0),
         /// Focal length of the lens over the diameter of its opening.
         pub f_number: f32 = 8.0 => in_range(2.0, 32.0),
-        /// Blades of its stop, 3 to 16, where the camera's own lens has no aperture; 0: it is round.
+        /// Blades of its stop, 3 to 16, where the camera's own lens has no aperture; fewer: it is round.
         pub blades: u32 = 6 => in_range(0.0, 16.0),
         /// What its surfaces are coated with: none, single.
         pub coating: Coating = Coating::Single => any(),
@@ -79,9 +79,9 @@ struct FlareUniform {
     lamps: u32,
     tiles: [u32; 2],
     tile: u32,
-    padding: u32,
     has_ghosts: u32,
     has_rays: u32,
+    padding: u32,
 }
 
 /// `Strip` of seen.wesl.
@@ -126,8 +126,10 @@ impl Kernels {
 #[derive(Debug, Clone)]
 struct Made {
     of: (f32, Coating),
+    /// Radius of the stop's opening, in radii of the widest one.
+    opening: f32,
     /// Radius of the widest entrance pupil, in focal lengths.
-    pupil: f64,
+    pupil: f32,
     /// Ghosts at all angles.
     table: wgpu::Buffer,
     ghosts: u32,
@@ -162,7 +164,8 @@ impl Made {
         let table = ghosts::ghosts(&lens, opening, coating);
         Ok(Self {
             of: (f_number, coating),
-            pupil: lens.pupil,
+            opening: opening as f32,
+            pupil: lens.pupil as f32,
             table: gpu.storage("flare.ghosts", &table)?,
             ghosts: lens.pairs().len() as u32,
         })
@@ -236,10 +239,10 @@ impl Pass {
         }
     }
 
-    /// Begins to compile what pictures of this format need, if there is flare.
+    /// Begins to compile what pictures of this format need, and makes the ghosts of the lens, if there is flare.
     ///
     /// # Errors
-    /// [`GpuError::Pass`].
+    /// [`GpuError`].
     pub fn prepare(
         &mut self,
         gpu: &Gpu,
@@ -251,6 +254,10 @@ impl Pass {
                 self.kernels = Some(Kernels::new(gpu)?);
             }
             adding(&mut self.adding, gpu, format)?;
+            let of = (settings.f_number, settings.coating);
+            if self.lens.as_ref().is_none_or(|made| made.of != of) {
+                self.lens = Some(Made::new(gpu, of.0, of.1)?);
+            }
         }
         Ok(())
     }
@@ -276,10 +283,8 @@ impl Pass {
         let texture = radiance.texture();
         let (format, size) = (texture.format(), [texture.width(), texture.height()]);
         self.prepare(gpu, format, settings)?;
-        let of = (settings.f_number, settings.coating);
-        let made = match self.lens.take() {
-            Some(made) if made.of == of => self.lens.insert(made),
-            _ => self.lens.insert(Made::new(gpu, of.0, of.1)?),
+        let (Some(kernels), Some(made)) = (&self.kernels, &self.lens) else {
+            return Ok(radiance.clone());
         };
         let images = match self.images.take() {
             Some(images) if images.format == format => self.images.insert(images),
@@ -293,9 +298,6 @@ impl Pass {
         let uniform = uniform(made, camera, size, lamps.len(), settings);
         let uniform_buffer = gpu.constant("flare", &uniform)?;
         let eye = seen.map_or(Vec3::ZERO, |seen| seen.shot.eye.truncate());
-        let Some(kernels) = &self.kernels else {
-            return Ok(radiance.clone());
-        };
         let adding = adding(&mut self.adding, gpu, format)?;
         gpu.write(&images.lamps, 0, &lamps);
         frame.clear(&images.seen_taps);
@@ -354,8 +356,7 @@ fn uniform(
         true => settings.blades,
         false => lens.blades,
     };
-    let opening = (1.0 / (2.0 * made.pupil as f32 * settings.f_number)).min(1.0);
-    let pupil = opening * made.pupil as f32;
+    let pupil = made.opening * made.pupil;
     // The unit opening's area.
     let shape = Lens {
         aperture: 1.0,
@@ -366,7 +367,7 @@ fn uniform(
         size,
         pixel: 2.0 * tangent / size[1] as f32,
         strength: settings.strength,
-        opening,
+        opening: made.opening,
         pupil: pupil * pupil * shape.area(),
         radius: pupil * FILM_HEIGHT / (2.0 * tangent),
         blades,
@@ -376,8 +377,8 @@ fn uniform(
         lamps: lamps as u32,
         tiles: size.map(|side| side.div_ceil(tile(size))),
         tile: tile(size),
-        padding: 0,
         has_ghosts: settings.ghosts.into(),
         has_rays: settings.rays.into(),
+        padding: 0,
     }
 }

@@ -39,7 +39,7 @@ pub struct Ray {
     pub direction: DVec3,
 }
 
-/// The two surfaces that reflect the light of a ghost, the second one first.
+/// The two surfaces that reflect the light of a ghost: `back` first, then `front`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Pair {
     pub front: usize,
@@ -117,7 +117,7 @@ impl Prescription {
             surface.rim /= focal_length;
         }
         lens.film /= focal_length;
-        // What the widest stop lets through: 1 focal length wide at f/1.
+        // A ray this high passes the stop at `passage`; one at the pupil's edge passes its rim.
         let (_, passage) = lens.behind_last(PARAXIAL);
         lens.pupil = PARAXIAL / passage.x;
         lens

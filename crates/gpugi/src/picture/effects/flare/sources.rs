@@ -13,6 +13,9 @@ pub const PLACES: u32 = 10;
 /// Most punctual lights.
 pub const LAMPS: usize = 8;
 
+/// Least radius of the disc around a light of which some may be hidden (pixels): `LEAST_RADIUS` of seen.wesl.
+const LEAST_RADIUS: f32 = 1.5;
+
 /// `Source` of sources.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -30,10 +33,16 @@ impl Source {
     }
 }
 
-/// The punctual lights that shine into the lens from the front, those of most light first.
+/// The punctual lights in the picture that shine into the lens, those of most light first.
 pub fn lamps(lights: &[Light], shot: &Shot, size: [u32; 2]) -> Vec<Source> {
     let lamps = lights.iter().filter_map(|light| lamp(light, shot, size));
-    let mut lamps: Vec<Source> = lamps.filter(|lamp| lamp.luminance() > 0.0).collect();
+    let [x, y] = size.map(|side| shot.tangent * side as f32 / size[1] as f32);
+    let is_inside = |lamp: &Source| {
+        let around = lamp.width + 2.0 * shot.tangent / size[1] as f32 * LEAST_RADIUS;
+        lamp.place[0].abs() < x + around && lamp.place[1].abs() < y + around
+    };
+    let lamps = lamps.filter(|lamp| lamp.luminance() > 0.0 && is_inside(lamp));
+    let mut lamps: Vec<Source> = lamps.collect();
     lamps.sort_by(|one, other| other.luminance().total_cmp(&one.luminance()));
     lamps.truncate(LAMPS);
     lamps

@@ -5,7 +5,6 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use glam::{DVec2, Mat4, dvec2, vec3};
 use gpugi_scene::builtin::builtin;
 
-use super::prescription::Pair;
 use super::*;
 use crate::Renderer;
 use crate::picture::testing::{FLOATS, HALVES, film, radiance};
@@ -131,7 +130,7 @@ fn ghosts_by_rays(
                 (0.0..f64::from(size[0])).contains(&x) && (0.0..f64::from(size[1])).contains(&y);
             if passes && is_inside {
                 let index = y as usize * size[0] as usize + x as usize;
-                picture[index] += light * arriving(&lens, pair, &passage);
+                picture[index] += light * arriving(&lens, &passage);
             }
         }
     }
@@ -139,26 +138,19 @@ fn ghosts_by_rays(
 }
 
 /// Share of green light that arrives: all but what each surface reflects or lets through.
-fn arriving(lens: &Prescription, pair: Pair, passage: &prescription::Passage) -> f64 {
-    let met = passage.met.iter().enumerate();
-    met.map(|(step, &(index, cosine, is_reflected))| {
+fn arriving(lens: &Prescription, passage: &prescription::Passage) -> f64 {
+    let (mut arriving, mut is_back) = (1.0, false);
+    for &(index, cosine, is_reflected) in &passage.met {
         let surface = &lens.surfaces[index];
-        let first_turn = passage
-            .met
-            .iter()
-            .position(|&(index, ..)| index == pair.back);
-        let is_back = step > first_turn.unwrap()
-            && !passage.met[first_turn.unwrap() + 1..step]
-                .iter()
-                .any(|step| step.2);
         let ways = match is_back {
             true => [surface.behind, surface.before],
             false => [surface.before, surface.behind],
         };
         let share = coating::reflectance(Coating::Single, index, ways, cosine)[1];
-        if is_reflected { share } else { 1.0 - share }
-    })
-    .product()
+        arriving *= if is_reflected { share } else { 1.0 - share };
+        is_back ^= is_reflected;
+    }
+    arriving
 }
 
 /// Means of blocks of 8 x 8 pixels.
