@@ -9,7 +9,7 @@ use gpugi_scene::{Light, LightKind};
 use crate::picture::film::Shot;
 
 /// Most bright places of a picture: `PLACES` of sources.wesl.
-pub const PLACES: u32 = 10;
+pub const PLACES: u32 = 8;
 /// Most punctual lights.
 pub const LAMPS: usize = 8;
 
