@@ -340,7 +340,8 @@ fn wrong_radiance_does_not_spread() {
     }
 }
 
-/// A point light in a dark room: it flares until a ball hides it. Still and live pictures, whole and in strips.
+/// A point light in a dark room: it flares until a ball hides it. Still and live pictures, whole and in strips. It takes some 4 s, for
+/// six renderers.
 #[test]
 fn lights_flare_where_nothing_hides_them() {
     let Some(gpu) = test_gpu() else { return };
