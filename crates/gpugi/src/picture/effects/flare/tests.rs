@@ -196,11 +196,11 @@ fn ghosts_are_those_of_rays_through_the_lens() {
         difference / expected
     );
     assert!(
-        (found / expected - 1.0).abs() < 0.1,
+        (found / expected - 1.0).abs() < 0.05,
         "{found}, not {expected}"
     );
     assert!(
-        difference < 0.2 * expected,
+        difference < 0.12 * expected,
         "{} of the light is elsewhere",
         difference / expected
     );
