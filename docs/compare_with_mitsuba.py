@@ -78,8 +78,8 @@ CLOUD_ALBEDO = np.array([0.99, 0.9, 0.7])
 FLOOR = quad((-3, -1.2, 3), (6, 0, 0), (0, 0, -6), (0.5, 0.5, 0.5))
 
 # camera: eye, target, vertical field of view [degrees]. lens: radius of its aperture, distance at which it sees
-# sharply [m]. sky: radiance of a constant environment. sun: direction of
-# propagation, irradiance. glass: a box of index 1.5.
+# sharply [m]. sky: radiance of a constant environment. sun: direction of propagation, irradiance. glass: a box of
+# index 1.5.
 SCENES = {
     # Scatters isotropically.
     "fog": {
