@@ -1,5 +1,6 @@
 //! Error of frames in motion, without and with temporal anti-aliasing: a table of FLIP against 64 samples of the same
-//! techniques, for built-in scenes in orbit. `--size WxH`, names of scenes.
+//! techniques, for built-in scenes in orbit. `--size WxH`, `--speed` in degrees per frame, `--interval` between the pixels
+//! that a frame lights, `--save` for a folder, names of scenes.
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -22,6 +23,7 @@ fn main() -> Result<()> {
     let mut size = [1280, 1024];
     let mut speed = 0.3;
     let mut names = Vec::new();
+    let mut interval = 1;
     let mut save = None;
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -31,6 +33,7 @@ fn main() -> Result<()> {
                 size = parsed_size(&text).ok_or("--size WxH")?;
             }
             "--speed" => speed = words.next().ok_or("--speed DEGREES")?.parse()?,
+            "--interval" => interval = words.next().ok_or("--interval PIXELS")?.parse()?,
             "--save" => save = words.next(),
             _ => names.push(word),
         }
@@ -48,7 +51,9 @@ fn main() -> Result<()> {
         let truth = truth(&mut renderer, &scene)?;
         let exposure = renderer.exposure_value()?;
         let mut errors = Vec::new();
-        for effects in [Effects::default(), Effects::of_live_view()] {
+        let mut live = Effects::of_live_view();
+        live.temporal_antialiasing.interval = interval;
+        for effects in [Effects::default(), live] {
             let effects = effects.exposed(exposure).without_dither();
             let pixels = moved(&mut renderer, &scene, &effects, speed)?;
             if let Some(folder) = &save {

@@ -10,7 +10,7 @@ use std::ops::ControlFlow;
 use glam::Vec2;
 use gpugi_scene::{Camera, LightKind, Scene};
 
-use crate::capture::{SURFACE_POINT_BYTES, Target, View, VisiblePoint};
+use crate::capture::{Lattice, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
 use crate::default_set::{Techniques, default_set};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
@@ -551,6 +551,15 @@ impl Renderer {
             low_discrepancy(index) - 0.5
         };
         let diagonal = self.scene.diagonal();
+        // Frames that continue each other share the pixels.
+        let lattice = match effects {
+            Some(effects) if continues => {
+                Lattice::of_frame(effects.temporal_antialiasing.interval, index)
+            }
+            _ => Lattice::ALL,
+        };
+        // How often a pixel was lit before.
+        let index = index / lattice.interval.pow(2);
         // A single sample sees through the middle of the lens.
         let sees_through_lens = of > 1 && !camera.lens.is_pinhole();
         let mut view = View::new(camera, self.size, jitter, index, self.seed, diagonal)
@@ -573,7 +582,9 @@ impl Renderer {
             frame.flush();
         }
         for strip in &mut self.strips {
-            let view = view.of_rows(&strip.rows);
+            let lattice = lattice.below(strip.rows.start);
+            let view = view.of_rows(&strip.rows).lit_on(lattice);
+            strip.receiver.points.lit = lattice.count([view.uniform.width, view.uniform.height]);
             strip
                 .capture
                 .record(frame, &self.scene, &view, |draw| draw.seen)?;

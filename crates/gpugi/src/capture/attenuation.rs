@@ -55,7 +55,7 @@ impl Attenuation {
             ("gathered", &gathered),
             ("radiance", &receiver.target),
         ];
-        let points = [receiver.points.count, 1, 1];
+        let points = [receiver.points.lit, 1, 1];
         frame.run("frame.attenuation", kernel, None, &resources, points)
     }
 
@@ -67,6 +67,8 @@ impl Attenuation {
                 gpu.buffer("gathered light [bytes]", size, wgpu::BufferUsages::STORAGE)?;
             Ok(Receiver::new(points, &Target::of(gpu, radiance)?))
         };
-        self.unattenuated.of(receiver, make).cloned()
+        let made = self.unattenuated.of(receiver, make)?;
+        // Which points are lit may have changed.
+        Ok(Receiver::new(points, &made.target))
     }
 }

@@ -28,7 +28,7 @@ pub use peeled_layer::PeeledLayer;
 pub use per_receiver::PerReceiver;
 pub use receiver::{Output, Probe, Receiver, Slots};
 pub(crate) use view::ViewUniform;
-pub use view::{CubeView, View, orthographic_reverse, perspective_reverse_infinite};
+pub use view::{CubeView, Lattice, View, orthographic_reverse, perspective_reverse_infinite};
 pub use visible::VisiblePoint;
 
 use std::ops::Range;
@@ -54,6 +54,8 @@ pub struct SurfacePoints {
     pub first: u32,
     /// Number of points.
     pub count: u32,
+    /// Number of those that gathers light: all, but for pixels beside a [`Lattice`].
+    pub lit: u32,
     /// Hit records from which the points were resolved: the provoking merged vertex of each point's triangle.
     pub hits: wgpu::TextureView,
     /// What gathers give at them.
@@ -81,6 +83,7 @@ impl SurfacePoints {
             view,
             first: 0,
             count,
+            lit: count,
             hits: hits_of_points(gpu, [width, rows])?,
             output,
             slots: Slots::default(),
@@ -241,11 +244,13 @@ impl Faces {
     ) -> Result<Self, GpuError> {
         let uniform = std::mem::size_of::<ViewUniform>() as u64;
         let view = HostBuffer::new(gpu, "view", uniform, wgpu::BufferUsages::UNIFORM)?;
+        let count = range.len() as u32 * size[0] * size[1];
         let points = SurfacePoints {
             points,
             view: wgpu::Buffer::clone(&view),
             first: range.start * size[0] * size[1],
-            count: range.len() as u32 * size[0] * size[1],
+            count,
+            lit: count,
             hits,
             output: Output::RadianceToEye,
             slots: Slots::default(),

@@ -230,6 +230,7 @@ impl Receiver {
                 view: gpu.uniform("view of probes", &view)?,
                 first: 0,
                 count,
+                lit: count,
                 hits,
                 output,
                 slots,

@@ -29,7 +29,60 @@ pub struct ViewUniform {
     pub asymmetry: f32,
     pub first_texel: u32,
     pub accumulates: u32,
-    pub padding: f32,
+    pub lattice: u32,
+}
+
+/// The pixels that a frame lights: one of each square of `interval` x `interval`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lattice {
+    /// Distance of such pixels along rows and columns, 1 to 255: at 1, all are lit.
+    pub interval: u32,
+    /// Column and row of the first, below `interval`.
+    pub first: [u32; 2],
+}
+
+impl Lattice {
+    /// All pixels.
+    pub const ALL: Self = Self {
+        interval: 1,
+        first: [0; 2],
+    };
+
+    /// That of frame `frame`, of which so many that follow each other light all pixels, far ones after each other.
+    pub fn of_frame(interval: u32, frame: u32) -> Self {
+        let turn = frame % (interval * interval);
+        let (row, column) = (turn / interval, turn % interval);
+        // Of 2 x 2, the diagonal neighbour comes next.
+        let first = [(column + row) % interval, column];
+        Self { interval, first }
+    }
+
+    /// That of the rows from `top` on.
+    pub fn below(self, top: u32) -> Self {
+        let [column, row] = self.first;
+        let above = self.interval - top % self.interval;
+        Self {
+            first: [column, (row + above) % self.interval],
+            ..self
+        }
+    }
+
+    /// Number of pixels that are lit in an image of `size` pixels.
+    pub fn count(self, size: [u32; 2]) -> u32 {
+        let along = |axis: usize| {
+            (size[axis] + self.interval - 1).saturating_sub(self.first[axis]) / self.interval
+        };
+        along(0) * along(1)
+    }
+
+    /// As shaders read it.
+    fn packed(self) -> u32 {
+        let [column, row] = self.first;
+        match self.interval {
+            1 => 0,
+            interval => interval | column << 8 | row << 16,
+        }
+    }
 }
 
 /// Distance of a camera's near plane, in diagonals of the scene: as small as clipping allows. Depth is reversed, so its
@@ -150,6 +203,12 @@ impl View {
         let view_from_world = self.world_from_view.inverse();
         let sheared_from_world = self.world_from_view * shear * view_from_world;
         self.clip_from_world *= sheared_from_world;
+        self
+    }
+
+    /// The same with light at the points of a lattice alone.
+    pub(crate) fn lit_on(mut self, lattice: Lattice) -> Self {
+        self.uniform.lattice = lattice.packed();
         self
     }
 

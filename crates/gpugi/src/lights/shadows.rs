@@ -122,7 +122,8 @@ impl Shadows {
     }
 
     /// As [`Shadows::generate`], but draws only maps that would change, and of those only the maps of as many samples
-    /// as `takes` allows. It is told the number of texels of each sample's maps before they are drawn. Samples whose
+    /// as `takes` allows. It is told the work of each sample's maps before they are drawn, in units of
+    /// [`crate::lighting::Budget`]. Samples whose
     /// maps wait stay as their maps show them. If maps need other sizes, the earlier ones stay until all are drawn.
     ///
     /// # Errors
@@ -172,7 +173,8 @@ impl Shadows {
         let mut stale = made.stale(list, of, now);
         stale.sort_by_key(|(_, urgency)| std::cmp::Reverse(*urgency));
         let taken = stale.iter().map(|&(index, _)| index);
-        let taken = taken.take_while(|&index| takes(made.texels(index)));
+        let of_triangles = scene.casters().work();
+        let taken = taken.take_while(|&index| takes(made.texels(index) + of_triangles));
         let taken: Vec<usize> = taken.collect();
         if !taken.is_empty() {
             if let Some(list) = list {

@@ -18,6 +18,18 @@ pub struct Casters<'a> {
     pub draws: &'a [Draw],
 }
 
+/// Work of a triangle in a depth map, in units of [`crate::lighting::Budget`]: on one H100, where few units rasterize, as
+/// much as so many lookups.
+const TRIANGLE_WORK: u64 = 64;
+
+impl Casters<'_> {
+    /// Work of drawing them all into a view, without its texels, in units of [`crate::lighting::Budget`].
+    pub(crate) fn work(&self) -> u64 {
+        let indices: u64 = self.draws.iter().map(|draw| draw.indices.len() as u64).sum();
+        indices / 3 * TRIANGLE_WORK
+    }
+}
+
 impl GpuScene {
     /// All triangles.
     pub fn casters(&self) -> Casters<'_> {

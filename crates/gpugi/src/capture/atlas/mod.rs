@@ -204,6 +204,7 @@ impl AtlasCapture {
                     view: view()?,
                     first: 0,
                     count,
+                    lit: count,
                     hits: hits.clone(),
                     output: options.output,
                     slots: Default::default(),
@@ -213,10 +214,12 @@ impl AtlasCapture {
                 let rows_of_part = rows_of_part.max(height.div_ceil(MOST_PARTS)).max(1);
                 let part = |first: u32| {
                     let rows = first..height.min(first + rows_of_part);
+                    let count = rows.len() as u32 * atlas.size;
                     let points = SurfacePoints {
                         view: view()?,
                         first: rows.start * atlas.size,
-                        count: rows.len() as u32 * atlas.size,
+                        count,
+                        lit: count,
                         ..points.clone()
                     };
                     Ok(Part { points, rows })

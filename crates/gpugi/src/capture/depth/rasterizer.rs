@@ -3,8 +3,8 @@
 use gpugi_scene::simplify::CAN_SIMPLIFY;
 
 use super::compute::DepthCompute;
-use super::{DepthAtlas, DepthKernels, DepthViewSpec};
-use crate::gpu::{Frame, Gpu, GpuError};
+use super::{DepthAtlas, DepthKernels, DepthViewSpec, clear_tiles};
+use crate::gpu::{Frame, Gpu, GpuError, RasterKernel};
 use crate::scene::{CasterGeometry, Casters, Draw, GpuScene, SimplifiedCasters};
 
 crate::choices! {
@@ -38,6 +38,8 @@ pub struct DepthRasterizer {
     /// The pipelines of the hardware rasterizer.
     pub kernels: DepthKernels,
     compute: DepthCompute,
+    /// Compiled on first use.
+    clear: RasterKernel,
     simplified: Option<SimplifiedCasters>,
     /// Geometry to simplify, on its way to the host.
     geometry: Option<CasterGeometry>,
@@ -52,6 +54,7 @@ impl DepthRasterizer {
         Ok(Self {
             kernels: DepthKernels::of_environment(gpu, scene)?,
             compute: DepthCompute::new(gpu)?,
+            clear: clear_tiles(gpu)?,
             simplified: None,
             geometry: None,
         })
@@ -117,6 +120,26 @@ impl DepthRasterizer {
         }
         self.compute
             .record(frame, name, &self.kernels, casters, atlas)
+    }
+
+    /// Draws those views with the hardware rasterizer whose indices `is_drawn` accepts; the others keep their depth.
+    pub fn record_some(
+        &mut self,
+        frame: &mut Frame<'_>,
+        name: &str,
+        scene: &GpuScene,
+        atlas: &DepthAtlas,
+        is_drawn: impl Fn(usize) -> bool,
+    ) {
+        if let Some(simplified) = &mut self.simplified {
+            simplified.follow(scene);
+        }
+        let casters = match &self.simplified {
+            Some(simplified) => simplified.casters(scene),
+            None => scene.casters(),
+        };
+        let kernels = (&self.clear, &self.kernels);
+        atlas.record_some(frame, name, kernels, casters, is_drawn);
     }
 }
 

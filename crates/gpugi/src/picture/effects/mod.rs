@@ -58,6 +58,7 @@ impl Effects {
         Self {
             temporal_antialiasing: temporal_antialiasing::Settings {
                 frames: temporal_antialiasing::LIVE_FRAMES,
+                ..Default::default()
             },
             ..Self::default()
         }

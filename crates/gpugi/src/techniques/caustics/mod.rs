@@ -404,7 +404,7 @@ impl Technique for Caustics {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        let (gpu, gather, count) = (frame.gpu, &self.kernels.gather, receiver.points.count);
+        let (gpu, gather, count) = (frame.gpu, &self.kernels.gather, receiver.points.lit);
         let Some(maps) = self.maps.get() else {
             return Ok(());
         };

@@ -376,7 +376,7 @@ impl Impostor {
         let maps = maps.resources(&self.uniform, &kernels.sampler);
         let own: [Named<'_>; 1] = [("radiance_cubes", &self.cubes)];
         let resources = [&receiver.resources()[..], &maps, &own].concat();
-        let count = [receiver.points.count, 1, 1];
+        let count = [receiver.points.lit, 1, 1];
         gather.run(pass, Some(&scene.bind_group), &resources, count)
     }
 

@@ -9,7 +9,8 @@ use crate::capture::depth::{
 };
 use crate::capture::{Gather, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Named, join};
-use crate::scene::GpuScene;
+use crate::techniques::Slice;
+use crate::scene::{GpuScene, Versions};
 use crate::shader;
 
 /// Most direction x point products per dispatch: about 100 ms on a slow GPU.
@@ -85,9 +86,15 @@ struct DirectionMaps {
     plan: Plan,
     drawing: DepthDrawing,
     count: u32,
+    /// The directions as shaders have them.
+    known: Vec<Direction>,
     directions: wgpu::Buffer,
     maps: wgpu::Buffer,
     batches: Vec<Batch>,
+    /// Of the scene for which maps are drawn in turn; the next one, and how many of them are left.
+    turn: Option<Versions>,
+    next: u32,
+    left: u32,
 }
 
 /// Directions whose depth maps share an atlas.
@@ -106,7 +113,7 @@ pub struct Ranges {
 impl Ranges {
     /// With at most `work` direction x point products each.
     pub fn new(all: Range<u32>, receiver: &Receiver, work: u64) -> Self {
-        let at_once = work / u64::from(receiver.points.count.max(1));
+        let at_once = work / u64::from(receiver.points.lit.max(1));
         Self {
             all,
             at_once: at_once.max(1) as usize,
@@ -132,7 +139,7 @@ impl Ranges {
                 let range = range(gpu, first..end)?;
                 let own = [("range", &range as _), ("sums", &receiver.target as _)];
                 let more = join(maps, &own);
-                gather.run(gpu, pass, scene, receiver, &more, receiver.points.count)?;
+                gather.run(gpu, pass, scene, receiver, &more, receiver.points.lit)?;
             }
             Ok(())
         })
@@ -243,20 +250,77 @@ impl Batches {
             return Ok(());
         };
         made.drawing = drawing;
-        let is_all_covered = scene.core == scene.bounds;
-        let maps = made
-            .batches
-            .iter()
-            .flat_map(|batch| batch.maps(is_all_covered));
-        let maps: Vec<DirectionMap> = maps.collect();
-        gpu.write(&made.directions, 0, directions);
-        gpu.write(&made.maps, 0, &maps);
+        made.known = directions.to_vec();
+        (made.turn, made.left) = (None, 0);
+        made.write(gpu, scene);
         if plan.is_kept {
             for batch in &mut made.batches {
                 batch.draw(frame, &mut self.rasterizer, drawing, scene)?;
             }
         }
         Ok(())
+    }
+
+    /// Whether there are maps of just these directions, whatever comes from there.
+    pub fn has_maps_toward(&self, directions: &[Direction]) -> bool {
+        let toward = |directions: &[Direction]| {
+            let toward = directions.iter().map(|direction| direction.toward);
+            toward.collect::<Vec<_>>()
+        };
+        let mut made = self.made.iter().filter(|made| made.plan.is_kept);
+        made.any(|made| toward(&made.known) == toward(directions))
+    }
+
+    /// As [`Batches::generate`], where [`Batches::has_maps_toward`] holds: draws no more maps than `budget` allows, those
+    /// first that were drawn longest ago; the others show the scene as it was then. `of`: the versions of the scene.
+    /// Returns the share of maps that show it as it is (0 to 1).
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn draw_some(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        (directions, views): (&[Direction], &[DepthViewSpec]),
+        of: Versions,
+        budget: &mut Slice,
+    ) -> Result<f32, GpuError> {
+        let (gpu, Some(made)) = (frame.gpu, &mut self.made) else {
+            return Ok(1.0);
+        };
+        if made.turn.replace(of) != Some(of) {
+            made.left = made.count;
+        }
+        let mut drawn = vec![false; made.count as usize];
+        while made.left > 0 && budget.takes(map_work(scene, &views[made.next as usize])) {
+            drawn[made.next as usize] = true;
+            made.next = (made.next + 1) % made.count;
+            made.left -= 1;
+        }
+        for (index, direction) in directions.iter().enumerate() {
+            // A map that waits keeps its texels.
+            let texel = match drawn[index] {
+                true => direction.texel,
+                false => made.known[index].texel,
+            };
+            made.known[index] = Direction { texel, ..*direction };
+        }
+        let name = "image-based-lighting.generate";
+        for batch in &mut made.batches {
+            let first = batch.directions.start as usize;
+            let own = &drawn[first..batch.directions.end as usize];
+            if own.contains(&true) {
+                let mut specs = batch.atlas.specs().to_vec();
+                for (index, spec) in specs.iter_mut().enumerate().filter(|(index, _)| own[*index]) {
+                    *spec = views[first + index];
+                }
+                batch.atlas.update(gpu, &specs);
+                self.rasterizer
+                    .record_some(frame, name, scene, &batch.atlas, |index| own[index]);
+            }
+        }
+        made.write(gpu, scene);
+        Ok((made.count - made.left) as f32 / made.count as f32)
     }
 
     fn make(
@@ -294,9 +358,13 @@ impl Batches {
             plan,
             drawing,
             count: first,
+            known: Vec::new(),
             directions,
             maps,
             batches,
+            turn: None,
+            next: 0,
+            left: 0,
         })
     }
 
@@ -347,7 +415,23 @@ impl Batches {
     }
 }
 
+/// Work of drawing a map, in units of [`crate::lighting::Budget`].
+fn map_work(scene: &GpuScene, view: &DepthViewSpec) -> u64 {
+    let [width, height] = view.size.map(u64::from);
+    width * height + scene.casters().work()
+}
+
 impl DirectionMaps {
+    /// Writes directions and views for shaders.
+    fn write(&self, gpu: &Gpu, scene: &GpuScene) {
+        let is_all_covered = scene.core == scene.bounds;
+        let batches = self.batches.iter();
+        let maps = batches.flat_map(|batch| batch.maps(is_all_covered));
+        let maps: Vec<DirectionMap> = maps.collect();
+        gpu.write(&self.directions, 0, &self.known);
+        gpu.write(&self.maps, 0, &maps);
+    }
+
     fn resources<'a>(&'a self, batch: &'a Batch, texels: &'a wgpu::Sampler) -> [Named<'a>; 5] {
         [
             ("direction_maps", &self.maps),

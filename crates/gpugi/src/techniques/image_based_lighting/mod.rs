@@ -430,6 +430,20 @@ impl Technique for ImageBasedLighting {
             }
         }
         let (directions, views) = self.settings.directions(scene, domains);
+        // What moves is followed map by map; another sky, at once.
+        if has_maps && self.rays.get().is_none() && batches.has_maps_toward(&directions) {
+            let (lights, budget) = ((&directions[..], &views[..]), &mut earlier.budget);
+            let progress = batches.draw_some(frame, scene, lights, versions, budget)?;
+            if progress >= 1.0 {
+                self.maps.begin();
+            }
+            self.maps.improve();
+            return Ok(Generated {
+                revision: of_environment + self.maps.revision(),
+                progress: of_maps.progress.min(progress),
+                ..of_maps
+            });
+        }
         match self.rays.get_mut() {
             Some(rays) => rays.set(gpu, &directions)?,
             None => batches.generate(frame, scene, &directions, &views, &maps)?,

@@ -59,7 +59,7 @@ impl RatioPass {
         let maps = self.maps.resources(&settings);
         let resources = [&receiver.resources()[..], &maps, &own].concat();
         let (name, scene) = ("image-based-lighting.apply", Some(&scene.bind_group));
-        let count = [receiver.points.count, 1, 1];
+        let count = [receiver.points.lit, 1, 1];
         frame.run(name, &self.apply, scene, &resources, count)
     }
 

@@ -156,6 +156,8 @@ impl SeenMedia {
             let radiance = gpu.room("light behind media", size)?;
             Ok(Receiver::new(points, &Target::of(gpu, radiance)?))
         };
-        self.behind.of(receiver, make).cloned()
+        let made = self.behind.of(receiver, make)?;
+        // Which points are lit may have changed.
+        Ok(Receiver::new(points, &made.target))
     }
 }

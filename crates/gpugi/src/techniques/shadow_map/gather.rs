@@ -64,7 +64,7 @@ impl ShadowGather {
             return Ok(());
         };
         let gpu = frame.gpu;
-        let (lights, points) = (shadows.light_count(), receiver.points.count);
+        let (lights, points) = (shadows.light_count(), receiver.points.lit);
         let taps = if settings.kind == 0 {
             1
         } else {

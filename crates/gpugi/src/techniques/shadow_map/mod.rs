@@ -288,7 +288,7 @@ impl Technique for ShadowMap {
             let (pass, shadows) = ("shadow-map.generate", &mut passes.shadows);
             // Maps of a picture's sample serve that sample alone.
             if budget.is_limited() && maps.turn.is_none() {
-                let takes = |texels| budget.takes(texels);
+                let takes = |work| budget.takes(work);
                 let updated = shadows.update(frame, scene, pass, (list, of), takes)?;
                 self.progress = updated.progress;
                 pending = (!updated.is_whole).then_some("the depth maps of lights");

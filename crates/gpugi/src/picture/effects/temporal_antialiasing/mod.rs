@@ -29,6 +29,9 @@ crate::settings! {
     pub struct Settings {
         /// Frames that are averaged while something moves; 1: off. At rest, a picture's own samples replace them.
         pub frames: u32 = 1 => in_range(1.0, 64.0),
+        /// Distance, along rows and columns, of the pixels that a frame lights while something moves; 1: all. The others
+        /// follow from these and from the frames before, in which they had their turn.
+        pub interval: u32 = 1 => in_range(1.0, 4.0).unit("pixels"),
     }
 }
 
