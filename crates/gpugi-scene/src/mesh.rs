@@ -170,6 +170,20 @@ impl Mesh {
         weld(&self.positions)
     }
 
+    /// Pairs of vertices that have one position: each with the first of those that it is welded to.
+    pub fn seams(&self) -> Vec<[u32; 2]> {
+        let welded = self.weld_positions();
+        let mut firsts = vec![u32::MAX; welded.len()];
+        let pairs = welded.iter().zip(0..).filter_map(|(&number, vertex)| {
+            let first = &mut firsts[number as usize];
+            if *first == u32::MAX {
+                *first = vertex;
+            }
+            (*first != vertex).then_some([*first, vertex])
+        });
+        pairs.collect()
+    }
+
     /// Number of connected pieces: triangles that share a corner, after welding equal positions, are one piece.
     pub fn pieces(&self) -> usize {
         let welded = self.weld_positions();

@@ -398,6 +398,15 @@ impl Lighting {
         })
     }
 
+    /// Lookups at each of a camera's points, of all techniques together.
+    pub(crate) fn lookups(&self) -> u32 {
+        let of = |(technique, plan): (&Box<dyn Technique>, &Plan)| {
+            let shared = technique.shared_lookups();
+            plan.lookups.saturating_sub(shared) + shared / 4
+        };
+        self.techniques.iter().zip(&self.plans).map(of).sum()
+    }
+
     /// Work of the last [`Lighting::prepare`], in units of [`Budget`].
     pub fn work(&self) -> u64 {
         self.schedule.work()

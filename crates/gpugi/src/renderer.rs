@@ -554,7 +554,8 @@ impl Renderer {
         // Frames that continue each other share the pixels.
         let lattice = match effects {
             Some(effects) if continues => {
-                Lattice::of_frame(effects.temporal_antialiasing.interval, index)
+                let lookups = self.lighting.lookups();
+                Lattice::of_frame(effects.temporal_antialiasing.interval_of(lookups), index)
             }
             _ => Lattice::ALL,
         };

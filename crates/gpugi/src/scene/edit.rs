@@ -308,7 +308,8 @@ impl GpuScene {
                 !self.host.instances.iter().any(shows)
                     && before.positions.len() == mesh.positions.len()
                     && before.indices == mesh.indices
-                    && self.geometry.meshes[*index].closed == mesh.is_closed()
+                    && self.geometry.meshes[*index].closed
+                        == self.geometry.meshes[*index].is_closed_after(before, mesh)
             }
             Edit::Light { .. }
             | Edit::Lights(_)

@@ -1,6 +1,6 @@
 //! Every mesh's vertices and indices on the GPU, in provoking-vertex order.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::{Vec3, Vec4};
 use gpugi_scene::provoking::{ProvokingMesh, provoking_order};
@@ -16,6 +16,8 @@ pub(super) struct PlacedMesh {
     pub first_index_word: u32,
     pub order: ProvokingMesh,
     pub closed: bool,
+    /// Pairs of vertices with one position, found when the mesh first deforms.
+    seams: OnceLock<Vec<[u32; 2]>>,
     /// In the mesh's own space.
     pub bounds: Bounds,
 }
@@ -66,7 +68,21 @@ impl PlacedMesh {
             first_index_word,
             order,
             closed: mesh.is_closed(),
+            seams: OnceLock::new(),
             bounds: mesh.bounds(),
+        }
+    }
+
+    /// Whether the mesh is closed once it has deformed from `before` to `after`, with the same triangles. As long as no
+    /// seam parts, that takes no hash table of all edges, which would be made anew in every frame of an animation.
+    pub fn is_closed_after(&self, before: &Mesh, after: &Mesh) -> bool {
+        let seams = self.seams.get_or_init(|| before.seams());
+        let position = |vertex: u32| after.positions[vertex as usize];
+        let are_whole = seams.iter().all(|pair| position(pair[0]) == position(pair[1]));
+        if are_whole {
+            self.closed
+        } else {
+            after.is_closed()
         }
     }
 

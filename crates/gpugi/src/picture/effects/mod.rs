@@ -58,7 +58,7 @@ impl Effects {
         Self {
             temporal_antialiasing: temporal_antialiasing::Settings {
                 frames: temporal_antialiasing::LIVE_FRAMES,
-                ..Default::default()
+                interval: 0,
             },
             ..Self::default()
         }

@@ -189,14 +189,14 @@ impl Settings {
 }
 
 impl Lit {
-    /// `None` where no particle is seen. `before`: a network whose light it may take over, and parts.
+    /// `None` where no particle is seen. `before`: what it may continue, or take over parts of.
     fn new(
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         from: &ParticleKey,
         placements: &mut Placements,
         lights: &[LightSample],
-        before: Option<&Self>,
+        mut before: Option<Self>,
         continues: bool,
     ) -> Result<Option<Self>, GpuError> {
         let gpu = frame.gpu;
@@ -204,7 +204,14 @@ impl Lit {
         if !particles.are_seen {
             return Ok(None);
         }
-        let before = before.map(|before| &before.network);
+        if let Some(moved) = before.as_mut().filter(|_| continues)
+            && moved.network.follow(gpu, &particles, from.shape, lights)?
+        {
+            moved.visible.restart();
+            moved.arriving.restart();
+            return Ok(before);
+        }
+        let before = before.as_ref().map(|before| &before.network);
         let network = Network::new(gpu, &particles, from.shape, lights, before)?;
         if let Some(before) = before.filter(|_| continues) {
             network.continue_from(frame, before);
@@ -276,8 +283,8 @@ impl Technique for ParticipatingMedia {
         let from = settings.made_from(scene, lights.len());
         let most = settings.most_iterations;
         let lit = lit.keep(from.clone(), |before| {
-            let before = before.as_ref().and_then(Option::as_ref);
             let placements = &mut self.placements;
+            let before = before.flatten();
             Lit::new(frame, scene, &from, placements, &lights, before, most > 0)
         })?;
         let Some(lit) = lit else {

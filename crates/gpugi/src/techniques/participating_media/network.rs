@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bytemuck::Zeroable;
+use gpugi_scene::PhaseFunction;
 
 use super::gpu;
 use super::particles::{NEIGHBOURS, Particles};
@@ -78,6 +79,8 @@ pub struct Network {
     pub neighbours: wgpu::Buffer,
     /// What that holds.
     neighbours_made: Arc<Vec<[[u32; NEIGHBOURS]; 2]>>,
+    /// [`Particles::phases`].
+    phases: Vec<PhaseFunction>,
     /// [`Particles::fields`].
     pub fields: wgpu::Buffer,
     /// Light samples.
@@ -117,28 +120,14 @@ impl Network {
         lights: &[LightSample],
         before: Option<&Self>,
     ) -> Result<Self, GpuError> {
-        let Shape {
-            directions,
-            sees_surfaces,
-            window,
-        } = shape;
-        let particles = made.particles.len() as u32;
-        let is_punctual = |light: &&LightSample| light.kind <= LightSample::DIRECTIONAL;
-        let marched_lights = lights.iter().take_while(is_punctual).count();
-        let marched_lights = marched_lights.min(MOST_MARCHED) as u32;
-        let values = gpu::Network {
+        let values = values(made, shape, lights);
+        let gpu::Network {
             particles,
             directions,
-            lights: lights.len() as u32,
-            nodes: made.neighbours.len() as u32,
-            cells_origin: made.cells.origin.to_array(),
-            cell_side: made.cells.side,
-            cell_counts: made.cells.counts.to_array(),
-            sees_surfaces: sees_surfaces.into(),
             marched_lights,
-            window: window.unwrap_or(0),
-            padding: [0; 2],
-        };
+            ..
+        } = values;
+        let sees_surfaces = shape.sees_surfaces;
         let entries = u64::from(particles) * u64::from(directions) * 16;
         let array = |label: &str| gpu.room(label, entries);
         let phases = made.phases.iter();
@@ -180,6 +169,7 @@ impl Network {
                 _ => gpu.storage("neighbours of nodes", &made.neighbours)?,
             },
             neighbours_made: made.neighbours.clone(),
+            phases: made.phases.clone(),
             fields,
             lights,
             arriving,
@@ -195,6 +185,39 @@ impl Network {
             windows,
             iterations: 0,
         })
+    }
+
+    /// Follows particles that have moved, if it has room for just as many, and their media scatter as before: buffers and
+    /// light stay. Says whether it does.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+    pub fn follow(
+        &mut self,
+        gpu: &Gpu,
+        made: &Particles,
+        shape: Shape,
+        lights: &[LightSample],
+    ) -> Result<bool, GpuError> {
+        let values = values(made, shape, lights);
+        let sizes = |values: &gpu::Network| gpu::Network {
+            cells_origin: [0.0; 3],
+            cell_side: 0.0,
+            cell_counts: [0; 3],
+            ..*values
+        };
+        let is_alike = sizes(&values) == sizes(&self.values)
+            && self.phases == made.phases
+            && Arc::ptr_eq(&self.neighbours_made, &made.neighbours);
+        if is_alike {
+            self.values = values;
+            self.cells = gpu.storage("cells of particles", &made.cells.lists)?;
+            gpu.write(&self.uniform, 0, &[values]);
+            gpu.write(&self.particles, 0, &made.particles);
+            gpu.write(&self.fields, 0, &made.fields);
+            self.set_lights(gpu, lights);
+        }
+        Ok(is_alike)
     }
 
     /// Begins with the light that arrived last in the network `before`, of as many particles and directions.
@@ -367,6 +390,25 @@ impl Network {
             &self.windows,
         ];
         buffers.iter().map(|buffer| buffer.size()).sum()
+    }
+}
+
+/// The sizes of a network, and its cells.
+fn values(made: &Particles, shape: Shape, lights: &[LightSample]) -> gpu::Network {
+    let is_punctual = |light: &&LightSample| light.kind <= LightSample::DIRECTIONAL;
+    let marched_lights = lights.iter().take_while(is_punctual).count();
+    gpu::Network {
+        particles: made.particles.len() as u32,
+        directions: shape.directions,
+        lights: lights.len() as u32,
+        nodes: made.neighbours.len() as u32,
+        cells_origin: made.cells.origin.to_array(),
+        cell_side: made.cells.side,
+        cell_counts: made.cells.counts.to_array(),
+        sees_surfaces: shape.sees_surfaces.into(),
+        marched_lights: marched_lights.min(MOST_MARCHED) as u32,
+        window: shape.window.unwrap_or(0),
+        padding: [0; 2],
     }
 }
 
