@@ -1,10 +1,18 @@
 //! Films as a user makes them.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
+#[cfg(unix)]
+use std::{
+    path::PathBuf,
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
 
-use crate::common::{command, folder, gpugi, skip_gpu};
+#[cfg(unix)]
+use crate::common::command;
+use crate::common::{folder, gpugi, skip_gpu};
 
 /// A floor, above which a lamp and a camera (`tour`) go from left to right in a second.
 fn scene(folder: &Path) -> String {
@@ -325,6 +333,58 @@ fn ffmpeg_gets_every_frame() {
             "{errors}"
         );
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_film_that_is_interrupted_ends_there() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("film-interrupted");
+    let scene = scene(&folder);
+    let path = folder.join("lamp.mp4");
+    let output = path.display().to_string();
+    let start = [
+        "film",
+        &scene,
+        "-o",
+        &output,
+        "--camera",
+        STILL,
+        "--seconds",
+        "10000",
+    ];
+    let mut film = command(&[&start[..], &QUICK, &FRAMES].concat());
+    film.env("PATH", ffmpeg(&folder, "libx264", 0));
+    let film = film
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary runs");
+    // Until some frames are there; as long as that takes on whatever this runs on.
+    let begun = || {
+        let mut files = names(&folder).into_iter();
+        let file = files.find(|name| name.ends_with(".tmp") && name.contains("lamp"))?;
+        let bytes = std::fs::metadata(folder.join(file)).ok()?.len();
+        (bytes > 2 * 32 * 24 * 4).then_some(())
+    };
+    let started = Instant::now();
+    while begun().is_none() && started.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let number = film.id().to_string();
+    let mut kill = Command::new("kill");
+    kill.args(["-INT", &number]).status().expect("a signal");
+    let ended = film.wait_with_output().expect("an end");
+    done(&ended);
+    let said = String::from_utf8_lossy(&ended.stderr);
+    let sent = std::fs::read(&path).expect("a film").len();
+    let frames = sent / (32 * 24 * 4);
+    assert!(sent % (32 * 24 * 4) == 0 && frames >= 2, "{sent}");
+    let expected = format!("interrupted: the film has {frames} of 30000 frames");
+    assert!(said.contains(&expected), "{said}");
+    let all = ["arguments", "ffmpeg", "lamp.bin", "lamp.gltf", "lamp.mp4"];
+    assert_eq!(names(&folder), all);
 }
 
 #[test]
