@@ -380,7 +380,7 @@ fn a_film_that_is_interrupted_ends_there() {
     let said = String::from_utf8_lossy(&ended.stderr);
     let sent = std::fs::read(&path).expect("a film").len();
     let frames = sent / (32 * 24 * 4);
-    assert!(sent % (32 * 24 * 4) == 0 && frames >= 2, "{sent}");
+    assert!(sent.is_multiple_of(32 * 24 * 4) && frames >= 2, "{sent}");
     let expected = format!("interrupted: the film has {frames} of 30000 frames");
     assert!(said.contains(&expected), "{said}");
     let all = ["arguments", "ffmpeg", "lamp.bin", "lamp.gltf", "lamp.mp4"];
