@@ -16,6 +16,7 @@ mod bench_rays;
 mod compare;
 mod doctor;
 mod explain;
+mod film;
 mod interrupt;
 mod measure;
 pub mod output;
@@ -66,6 +67,8 @@ pub struct Common {
 enum Command {
     /// Render an image of a scene
     Render(render::Arguments),
+    /// Render a film of a scene: its animation, a camera's tour, or a turn around it
+    Film(film::Arguments),
     /// Bake a scene's light into textures, or an environment into maps, for use in other programs
     Bake(bake::Arguments),
     /// Measure the error of an image against its reference
@@ -148,6 +151,7 @@ pub fn main() -> std::process::ExitCode {
     let common = &arguments.common;
     let result = match &arguments.command {
         Command::Render(render) => render::run(common, render),
+        Command::Film(film) => film::run(common, film),
         Command::Bake(bake) => bake::run(common, bake),
         Command::Compare(compare) => compare::run(common, compare),
         Command::Measure(measure) => measure::run(common, measure),

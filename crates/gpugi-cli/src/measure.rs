@@ -8,7 +8,7 @@ use gpugi::measure::{
     Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
 };
 use gpugi::picture::{self, Effects};
-use gpugi::{Motion, Renderer};
+use gpugi::{Motion, Purpose, Renderer};
 use gpugi_arguments::parse_size;
 use gpugi_scene::image::metrics::{Metric, heat_map};
 use serde_json::{Map, Value};
@@ -143,7 +143,14 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         .into());
     }
     let settings = &arguments.set;
-    let mut chosen = Chosen::new(&gpu, &scene, size, &arguments.technique, settings)?;
+    let mut chosen = Chosen::new(
+        &gpu,
+        &scene,
+        size,
+        Purpose::StillPicture,
+        &arguments.technique,
+        settings,
+    )?;
     interrupt::catch();
 
     let mut shown = (String::new(), Progress::new(common.quiet));

@@ -1,7 +1,7 @@
 //! Output of the commands: images, quantities of surface points, maps, JSON.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use gpugi::gpu::Gpu;
@@ -74,6 +74,11 @@ pub fn check_folders<'a>(paths: impl IntoIterator<Item = &'a Path>) -> anyhow::R
 /// Creates a folder and its parents.
 pub fn make_folder(folder: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))
+}
+
+/// Where a frame of a folder of frames is: `0000.png` and so on.
+pub fn frame_path(folder: &Path, frame: u32) -> PathBuf {
+    folder.join(format!("{frame:04}.png"))
 }
 
 /// Writes display pixels: 8-bit sRGB, RGBA.

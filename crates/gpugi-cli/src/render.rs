@@ -19,29 +19,45 @@ use crate::progress::Progress;
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
+/// Options of pictures and films: what is seen, by whom, and lit by what.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PictureArguments {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArguments,
+    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG", or "from=NAME" and what differs;
+    /// also aperture=M;focus=M;blades=N (lens) and shutter=S
+    #[arg(long)]
+    pub camera: Option<String>,
+    /// How pictures are displayed.
+    #[command(flatten)]
+    pub display: DisplayArguments,
+    /// Techniques, separated by commas, or path-tracer, or none (default: what suits the scene, and a still picture or
+    /// frames in motion; see gpugi render --explain)
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub technique: Vec<String>,
+    /// A technique's setting, or an effect's (repeatable)
+    #[arg(long, value_name = "technique.key=value")]
+    pub set: Vec<String>,
+    /// Steps in which maps and lights follow what moves while the shutter is open; what is seen moves with every sample
+    #[arg(long, value_name = "N", default_value_t = SHUTTER_STEPS, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub shutter_steps: u32,
+    /// Seed of all random numbers
+    #[arg(long, default_value_t = 0)]
+    pub seed: u32,
+}
+
 /// Options of `gpugi render`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
-    #[command(flatten)]
-    scene: SceneArguments,
     /// Image to write: .png (tone-mapped), .exr or .hdr (linear radiance)
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
     size: [u32; 2],
-    /// Scene camera by name or index, or "eye=x,y,z;target=x,y,z;up=x,y,z;fov=DEG"
-    #[arg(long)]
-    camera: Option<String>,
     #[command(flatten)]
-    display: DisplayArguments,
-    /// Techniques, separated by commas, or path-tracer, or none (default: what suits a still picture of the scene; see
-    /// --explain)
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
-    technique: Vec<String>,
-    /// A technique's setting (repeatable)
-    #[arg(long, value_name = "technique.key=value")]
-    set: Vec<String>,
+    picture: PictureArguments,
     /// Print which techniques were chosen and why, what each adds and what it costs, and the light that is missing
     #[arg(long)]
     explain: bool,
@@ -49,12 +65,6 @@ pub struct Arguments {
     /// picture; 256 for the path tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,
-    /// Steps in which maps and lights follow what moves while the shutter is open; what is seen moves with every sample
-    #[arg(long, value_name = "N", default_value_t = SHUTTER_STEPS, value_parser = clap::value_parser!(u32).range(1..=1024))]
-    shutter_steps: u32,
-    /// Seed of all random numbers
-    #[arg(long, default_value_t = 0)]
-    seed: u32,
     /// Write a report of what was rendered, on what and how fast
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -66,10 +76,11 @@ pub struct Arguments {
     aov: Vec<Aov>,
 }
 
-/// Default samples per pixel for techniques, with a lens or an open shutter, and for the path tracer.
+/// Default samples per pixel for techniques, and with a lens or an open shutter.
 const TECHNIQUE_SAMPLES: u32 = 4;
 const BLURRED_SAMPLES: u32 = 64;
-const PATH_TRACER_SAMPLES: u32 = 256;
+/// Default samples per pixel for the path tracer.
+pub const PATH_TRACER_SAMPLES: u32 = 256;
 /// Default steps of maps while the shutter is open.
 pub const SHUTTER_STEPS: u32 = 8;
 
@@ -123,11 +134,12 @@ pub fn usage(error: LightingError) -> anyhow::Error {
     }
 }
 
-/// A renderer with the techniques that were named, or else with the default set for a still picture.
+/// A renderer with the techniques that were named, or else with the default set for a purpose.
 pub struct Chosen<'a> {
     gpu: &'a Gpu,
     scene: &'a Scene,
     size: [u32; 2],
+    purpose: Purpose,
     settings: &'a [String],
     /// The renderer, with all `--set` options applied.
     pub renderer: Renderer,
@@ -141,13 +153,13 @@ impl<'a> Chosen<'a> {
         gpu: &'a Gpu,
         scene: &'a Scene,
         size: [u32; 2],
+        purpose: Purpose,
         named: &[String],
         settings: &'a [String],
     ) -> anyhow::Result<Self> {
         let (techniques, set) = match technique_names(named) {
             Some(names) => (Techniques::Named(names), None),
             None => {
-                let purpose = Purpose::StillPicture;
                 let set = default_set(scene, &gpu.adapter, purpose, &Registry::default());
                 (Techniques::from(&set), Some(set))
             }
@@ -159,10 +171,22 @@ impl<'a> Chosen<'a> {
             gpu,
             scene,
             size,
+            purpose,
             settings,
             renderer,
             set,
         })
+    }
+
+    /// The light that is left out, and why the default set is not the first choice: one sentence each.
+    pub fn notes(&self) -> Vec<String> {
+        let left_out = self.renderer.left_out();
+        let mut notes = Vec::new();
+        if !left_out.is_empty() {
+            notes.push(format!("not in this picture: {}", left_out.join("; ")));
+        }
+        notes.extend(self.set.iter().flat_map(|set| set.notes.iter().cloned()));
+        notes
     }
 
     /// Replaces the technique of the default set that `error` says has no atlas. A note lists the `--set` options that
@@ -170,8 +194,15 @@ impl<'a> Chosen<'a> {
     pub fn without_atlas(&mut self, error: LightingError) -> anyhow::Result<()> {
         let registry = Registry::default();
         let set = self.set.take();
-        let without_atlas =
-            |set: DefaultSet| set.without_atlas(&error, self.scene, &self.gpu.adapter, &registry);
+        let without_atlas = |set: DefaultSet| {
+            set.without_atlas(
+                &error,
+                self.scene,
+                &self.gpu.adapter,
+                self.purpose,
+                &registry,
+            )
+        };
         let smaller = set.and_then(without_atlas);
         let mut set = smaller.ok_or_else(|| usage(error))?;
         let renderer = Renderer::new(self.gpu, self.scene, self.size, &set);
@@ -236,17 +267,23 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             .flatten()
             .map(PathBuf::as_path),
     )?;
-    let (effects, set) = (arguments.display).effects(Effects::default(), &arguments.set)?;
-    let arguments = &Arguments {
+    let picture = &arguments.picture;
+    let (effects, set) = (picture.display).effects(Effects::default(), &picture.set)?;
+    let picture = PictureArguments {
         set,
+        ..picture.clone()
+    };
+    let arguments = &Arguments {
+        picture,
         ..arguments.clone()
     };
-    let with_path_tracer = is_path_tracer(&arguments.technique)?;
-    let (scene, mut notes) = scene_argument::load(&arguments.scene)?;
+    let picture = &arguments.picture;
+    let with_path_tracer = is_path_tracer(&picture.technique)?;
+    let (scene, mut notes) = scene_argument::load(&picture.scene)?;
     let size = arguments.size;
     let camera = scene_argument::camera(
         &scene,
-        arguments.camera.as_deref(),
+        picture.camera.as_deref(),
         size[0] as f32 / size[1] as f32,
     )?;
     let gpu = Gpu::open(&common.adapter)?;
@@ -332,6 +369,31 @@ fn converge(
     Ok(readiness)
 }
 
+/// Adds as many `samples` to a picture, or fewer if the user presses Ctrl-C, and waits for them. `report` is called after
+/// each with its number, from 1, and the GPU times of its passes if it is `timed`.
+pub fn add_samples(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    camera: &Camera,
+    samples: u32,
+    timed: impl Fn(u32) -> bool,
+    mut report: impl FnMut(u32, Vec<Timing>),
+) -> Result<(), LightingError> {
+    for sample in 1..=samples {
+        let timings = renderer.render_sample(camera, samples, None, timed(sample))?;
+        let passes = timings.wait()?;
+        if sample % 8 == 0 {
+            // Wait regularly, so that the progress bar is accurate and the queue stays short.
+            gpu.wait()?;
+        }
+        report(sample, passes);
+        if interrupt::asked() {
+            break;
+        }
+    }
+    Ok(gpu.wait()?)
+}
+
 fn render_techniques(
     common: &Common,
     arguments: &Arguments,
@@ -341,22 +403,25 @@ fn render_techniques(
     shown: Option<&Effects>,
     notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
-    let (size, settings) = (arguments.size, &arguments.set);
-    let mut chosen = Chosen::new(gpu, scene, size, &arguments.technique, settings)?;
+    let (size, settings) = (arguments.size, &arguments.picture.set);
+    let mut chosen = Chosen::new(
+        gpu,
+        scene,
+        size,
+        Purpose::StillPicture,
+        &arguments.picture.technique,
+        settings,
+    )?;
     print_notes(common, notes);
-    let motion = Motion::seen_by(camera, scene, arguments.scene.time);
+    let motion = Motion::seen_by(camera, scene, arguments.picture.scene.time);
     let is_blurred = !camera.lens.is_pinhole() || motion.is_some();
     let started = Instant::now();
     let (maps, left_out, mut costs) = loop {
-        chosen.renderer.set_seed(arguments.seed);
+        chosen.renderer.set_seed(arguments.picture.seed);
         let motion = motion.clone();
-        (chosen.renderer).set_motion(motion, arguments.shutter_steps)?;
+        (chosen.renderer).set_motion(motion, arguments.picture.shutter_steps)?;
         let left_out = chosen.renderer.left_out();
-        let mut of_set = Vec::new();
-        if !left_out.is_empty() {
-            of_set.push(format!("not in this picture: {}", left_out.join("; ")));
-        }
-        of_set.extend(chosen.set.iter().flat_map(|set| set.notes.iter().cloned()));
+        let of_set = chosen.notes();
         print_notes(common, &of_set);
         let mut costs = Costs::default();
         let renderer = &mut chosen.renderer;
@@ -378,26 +443,23 @@ fn render_techniques(
     });
     let mut progress = Progress::new(common.quiet);
     let mut passes_of_last_sample = Vec::new();
-    for sample in 1..=samples {
-        let timed = arguments.explain || (sample == samples && arguments.report.is_some());
-        passes_of_last_sample = renderer
-            .render_sample(camera, samples, None, timed)?
-            .wait()?;
-        costs.add_sample(&passes_of_last_sample);
-        if sample % 8 == 0 {
-            // Wait regularly, so that the progress bar is accurate and the queue stays short.
-            gpu.wait()?;
-        }
-        progress.show(
-            f64::from(sample) / f64::from(samples),
-            &format!("{sample} of {samples} samples"),
-        );
-        if interrupt::asked() {
-            break;
-        }
-    }
+    let timed = |sample| arguments.explain || (sample == samples && arguments.report.is_some());
+    add_samples(
+        gpu,
+        &mut renderer,
+        camera,
+        samples,
+        timed,
+        |sample, passes| {
+            costs.add_sample(&passes);
+            passes_of_last_sample = passes;
+            progress.show(
+                f64::from(sample) / f64::from(samples),
+                &format!("{sample} of {samples} samples"),
+            );
+        },
+    )?;
     progress.finish();
-    gpu.wait()?;
     if interrupt::asked() && !common.quiet {
         eprintln!(
             "interrupted: the maps were {:.0} % done, the picture has {} of {samples} samples per pixel",
@@ -466,7 +528,7 @@ fn render_reference(
     shown: Option<&Effects>,
     notes: &[String],
 ) -> anyhow::Result<Rendered> {
-    let settings = path_tracer_settings(&arguments.set)?;
+    let settings = path_tracer_settings(&arguments.picture.set)?;
     if !arguments.aov.is_empty() || arguments.dump_maps.is_some() || arguments.explain {
         return Err(Usage(
             "--aov, --dump-maps and --explain are about techniques and what they keep; path-tracer keeps nothing and adds all light"
@@ -476,8 +538,8 @@ fn render_reference(
     }
     print_notes(common, notes);
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
-    tracer.restart(arguments.seed)?;
-    tracer.set_motion(Motion::seen_by(camera, scene, arguments.scene.time))?;
+    tracer.restart(arguments.picture.seed)?;
+    tracer.set_motion(Motion::seen_by(camera, scene, arguments.picture.scene.time))?;
     let mut progress = Progress::new(common.quiet);
     let samples = arguments.samples.unwrap_or(PATH_TRACER_SAMPLES);
     let done = tracer.render(camera, samples, &mut |state| {

@@ -177,7 +177,7 @@ fn run_headless(arguments: &Arguments, start: Start, frames: u32) -> anyhow::Res
         let Some(folder) = record else { return Ok(()) };
         let pixels = session.loaded().renderer.pixels();
         let pixels = pixels.map_err(|error| error.to_string())?;
-        let path = folder.join(format!("{frame:04}.png"));
+        let path = output::frame_path(folder, frame);
         output::write_png(&path, size, &pixels).map_err(|error| format!("{error:#}"))
     };
     let recorder = record.as_ref().map(|_| &mut write_frame as Recorder<'_>);

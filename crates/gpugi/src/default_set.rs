@@ -41,13 +41,14 @@ impl DefaultSet {
         choices.map(|choice| choice.technique.to_owned()).collect()
     }
 
-    /// The set for a still picture of a scene that cannot be unwrapped, which only the attempt tells: `error` names a
+    /// The set for `purpose` in a scene that cannot be unwrapped, which only the attempt tells: `error` names a
     /// technique of this set that has no atlas. `None` if it is another error, or if no technique stands in for that one.
     pub fn without_atlas(
         &self,
         error: &LightingError,
         scene: &Scene,
         adapter: &AdapterSummary,
+        purpose: Purpose,
         registry: &Registry,
     ) -> Option<Self> {
         let LightingError::Gpu(GpuError::Pass { pass, .. }) = error else {
@@ -60,7 +61,7 @@ impl DefaultSet {
             .filter(|registration| registration.info.needs.texels)?;
         let occasion = Occasion {
             has_atlas: false,
-            ..Occasion::new(scene, adapter, Purpose::StillPicture)
+            ..Occasion::new(scene, adapter, purpose)
         };
         let mut set = chosen(occasion, registry);
         let names = self.names();

@@ -7,6 +7,7 @@ mod bake_surfaces;
 mod common;
 mod compare;
 mod far_from_origin;
+mod film;
 mod measure;
 mod path_tracer;
 mod usage;

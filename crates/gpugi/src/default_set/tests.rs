@@ -154,7 +154,7 @@ fn large_gpus_trace_the_light_of_the_sky() {
         pass: RADIOSITY.into(),
         reason: "no atlas".into(),
     });
-    let without = still.without_atlas(&error, &scene, &adapter, &registry);
+    let without = still.without_atlas(&error, &scene, &adapter, Purpose::StillPicture, &registry);
     assert!(!traces(&without.unwrap()));
 }
 
@@ -254,7 +254,7 @@ fn final_gather_lights_what_takes_long_to_unwrap() {
             pass: pass.into(),
             reason: "too large".into(),
         };
-        set.without_atlas(&error.into(), &cornell, &gpu.adapter, &registry)
+        set.without_atlas(&error.into(), &cornell, &gpu.adapter, still, &registry)
     };
     assert_eq!(without_atlas(&set, "radiosity.rays"), None);
     set = without_atlas(&set, RADIOSITY).unwrap();
