@@ -26,7 +26,7 @@ pub struct FrameTimes {
     pub slowest_ms: f64,
     /// The slowest frame.
     pub slowest_frame: usize,
-    /// Time of each frame until the GPU has run it (ms).
+    /// Time of each frame, until the GPU has run the one before (ms).
     pub frames_ms: Vec<f64>,
     /// Work on maps in each frame, in units of [`gpugi::lighting::Budget`].
     pub work: Vec<u64>,
@@ -166,19 +166,25 @@ impl Device {
     }
 }
 
-/// A frame, until the GPU has run it; `took`: how long the last one and this one take (s). Returns whether the picture
-/// changed.
+/// A frame, until the GPU has run the one before: as in a window, the host prepares a frame while the GPU runs another.
+/// `took`: how long the last one and this one take (s). Returns whether the picture changed.
 fn show(viewer: &mut Viewer, size: [u32; 2], took: &mut f32) -> Result<bool, String> {
     let is_disturbed = viewer.opening().is_some();
     let session = viewer.session().ok_or("nothing is on show")?;
     session.is_disturbed = is_disturbed;
     let began = Instant::now();
+    let before = session.gpu().last_submission();
     let shown = session
         .frame_after(size, STEP_SECONDS, *took)
         .map_err(|error| error.to_string())?;
-    session.gpu().wait().map_err(|error| error.to_string())?;
+    let gpu = session.gpu();
+    match before {
+        Some(before) if !session.is_picking() => gpu.wait_for(before),
+        // Before the next step, the camera knows what it orbits around.
+        _ => gpu.wait(),
+    }
+    .map_err(|error| error.to_string())?;
     *took = began.elapsed().as_secs_f32();
-    // Before the next step, the camera knows what it orbits around.
     session.picked();
     Ok(shown.is_new)
 }

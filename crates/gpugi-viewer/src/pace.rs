@@ -5,8 +5,11 @@ use gpugi::lighting::Budget;
 
 use crate::viewer::Look;
 
-/// Each step of the resolution has this part of the pixels per side of the one before.
+/// Each step of the resolution has this part of the pixels per side of the one before. In motion, the first step keeps the
+/// pixels, and each frame lights one of four.
 const STEP: f32 = 0.84;
+/// Distance between the pixels that a frame lights, from the first step on.
+const INTERVAL: u32 = 2;
 /// Steps down to about an eighth of the side.
 const MOST_STEPS: u32 = 12;
 /// Fast frames after which the resolution rises by a step.
@@ -58,19 +61,31 @@ struct Resolution {
     fast_frames: u32,
     /// By how much the last frame was too slow; 0 if it was not.
     slow: f32,
+    /// Whether the first step lights fewer pixels instead.
+    is_shared: bool,
 }
 
 impl Resolution {
     /// Takes notice of a frame by its time as a part of the time that is due.
     fn measure(&mut self, ratio: f32) {
-        self.fast_frames = if ratio < 0.7 { self.fast_frames + 1 } else { 0 };
+        // The step back to all pixels takes more than others.
+        let is_fast = ratio
+            < if self.is_shared && self.steps == 1 {
+                0.3
+            } else {
+                0.7
+            };
+        self.fast_frames = if is_fast { self.fast_frames + 1 } else { 0 };
         let slow = if ratio > 1.25 { ratio } else { 0.0 };
         // A single slow frame may be a pipeline that is compiled.
         let both = slow.min(self.slow);
         self.slow = slow;
         if both > 0.0 && self.steps < MOST_STEPS {
             // The time follows the number of pixels: as many steps at once as that takes.
-            let steps = (0.5 * both.ln() / -STEP.ln()).ceil() as u32;
+            let steps = match self.is_shared && self.steps == 0 {
+                true => 1,
+                false => (0.5 * both.ln() / -STEP.ln()).ceil() as u32,
+            };
             self.steps = (self.steps + steps.max(1)).min(MOST_STEPS);
             self.slow = 0.0;
         } else if self.fast_frames >= PATIENCE && self.steps > 0 {
@@ -86,7 +101,10 @@ impl Default for Pace {
             target_rate: Look::default().frame_rate,
             scale: 1.0,
             is_adaptive: true,
-            in_motion: Resolution::default(),
+            in_motion: Resolution {
+                is_shared: true,
+                ..Resolution::default()
+            },
             at_rest: Resolution::default(),
             units_in_motion: FIRST_UNITS,
             units_alone: FIRST_UNITS,
@@ -128,11 +146,19 @@ impl Pace {
         })
     }
 
+    /// Distance between the pixels that a frame in motion lights, where `chosen` is that of its settings.
+    pub fn interval(&self, chosen: u32) -> u32 {
+        match self.is_adaptive && self.in_motion.steps > 0 {
+            true => chosen.max(INTERVAL),
+            false => chosen,
+        }
+    }
+
     /// Pixels of the picture in a window of `size` pixels.
     pub fn size(&self, size: [u32; 2], is_moving: bool) -> [u32; 2] {
         let steps = match (self.is_adaptive, is_moving) {
             (false, _) => 0,
-            (true, true) => self.in_motion.steps,
+            (true, true) => self.in_motion.steps.saturating_sub(1),
             (true, false) => self.at_rest.steps,
         };
         let scale = self.scale * STEP.powi(steps as i32);
@@ -165,7 +191,8 @@ mod tests {
         let mut last = 0.0;
         for _ in 0..count {
             let [width, height] = pace.size([1000, 1000], true);
-            last = seconds * (width * height) as f32 / 1e6;
+            let lit = (width * height) as f32 / pace.interval(1).pow(2) as f32;
+            last = seconds * lit / 1e6;
             pace.measure(last, 0, Purpose::Moving);
         }
         last
@@ -211,6 +238,25 @@ mod tests {
         }
         assert!(last < 1.25 * TRACED_SECONDS, "{last}");
         assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
+    }
+
+    #[test]
+    fn slow_frames_light_fewer_pixels_before_pictures_have_fewer() {
+        let mut pace = Pace::default();
+        let due = 1.0 / pace.target_rate as f32;
+        frames(&mut pace, 2.0 * due, 50);
+        assert_eq!(
+            (pace.interval(1), pace.size([1000, 1000], true)),
+            (2, [1000, 1000])
+        );
+        // Half of the time is left, and a frame with all pixels takes twice what there is.
+        frames(&mut pace, 2.0 * due, 100);
+        assert_eq!(pace.interval(1), 2);
+        frames(&mut pace, 0.5 * due, 100);
+        assert_eq!((pace.interval(1), pace.interval(3)), (1, 3));
+        pace.is_adaptive = false;
+        frames(&mut pace, 8.0 * due, 100);
+        assert_eq!(pace.interval(1), 1);
     }
 
     #[test]

@@ -382,6 +382,11 @@ impl Session {
         }
     }
 
+    /// Whether it is yet to be told what a place of the picture shows.
+    pub fn is_picking(&self) -> bool {
+        !self.picks.is_empty() || self.middle.is_some()
+    }
+
     /// What was picked, as far as it is known by now. The camera learns what it orbits around.
     pub fn picked(&mut self) -> Vec<(Pick, Option<VisiblePoint>)> {
         if let Some(seen) = self.middle.as_ref().and_then(ReadBack::get) {
@@ -463,6 +468,8 @@ impl Session {
         if self.is_held {
             effects.temporal_antialiasing.frames = 1;
         }
+        let interval = &mut effects.temporal_antialiasing.interval;
+        *interval = self.pace.interval(*interval);
         let is_settled = self.is_settled();
         let renderer = &mut self.loaded.renderer;
         let reference = self.truth.as_ref().and_then(Truth::reference);

@@ -80,12 +80,13 @@ pub(super) fn encode_node(
             .iter()
             .fold(Bounds::EMPTY, |all, bounds| all.union(*bounds)),
     );
+    let steps_per_unit = grid.steps_per_unit();
     let mut planes = [[0_u8; 8]; 6];
     for (slot, child) in children.iter().enumerate() {
         if child.is_empty() {
             continue;
         }
-        let [min, max] = grid.cells(child);
+        let [min, max] = grid.cells(child, &steps_per_unit);
         for axis in 0..3 {
             planes[axis * 2][slot] = min[axis];
             planes[axis * 2 + 1][slot] = max[axis];
@@ -144,11 +145,16 @@ impl Grid {
         }
     }
 
+    /// Steps of the grid per unit of length, powers of two: along the axes.
+    fn steps_per_unit(&self) -> [f64; 3] {
+        self.exponents
+            .map(|biased| 2.0_f64.powi(127 - i32::from(biased)))
+    }
+
     /// The grid planes around a box inside the grid, rounded outward.
-    fn cells(&self, child: &Bounds) -> [[u8; 3]; 2] {
+    fn cells(&self, child: &Bounds, steps_per_unit: &[f64; 3]) -> [[u8; 3]; 2] {
         let cell = |position: f32, axis: usize| {
-            let step = 2.0_f64.powi(i32::from(self.exponents[axis]) - 127);
-            (f64::from(position) - f64::from(self.origin[axis])) / step
+            (f64::from(position) - f64::from(self.origin[axis])) * steps_per_unit[axis]
         };
         [
             std::array::from_fn(|axis| cell(child.min[axis], axis).floor().max(0.0) as u8),

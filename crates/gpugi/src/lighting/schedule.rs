@@ -17,6 +17,8 @@ pub struct Schedule {
     frugal_frames: u32,
     /// The technique whose turn it is: it takes a step whatever is left.
     in_turn: Option<usize>,
+    /// Whether it differs from that of the frame before.
+    is_changing: bool,
     budget: Budget,
     /// Work of each technique for which those before it that light points leave room.
     waiting: Vec<u64>,
@@ -31,6 +33,7 @@ impl Schedule {
             seen: None,
             frugal_frames: 0,
             in_turn: None,
+            is_changing: false,
             budget: Budget::UNLIMITED,
             waiting: Vec::new(),
             work: 0,
@@ -47,8 +50,8 @@ impl Schedule {
         waiting: impl Iterator<Item = u64>,
     ) {
         // While the scene changes, maps are never final: most frames had better be fast.
-        let is_changing = self.seen.replace(versions) != Some(versions);
-        let has_turns = !is_changing || is_pending || self.frugal_frames >= FRUGAL_FRAMES;
+        self.is_changing = self.seen.replace(versions) != Some(versions);
+        let has_turns = !self.is_changing || is_pending || self.frugal_frames >= FRUGAL_FRAMES;
         self.frugal_frames = self.frugal_frames.saturating_add(1);
         let longest = self.waited.iter().copied().max().unwrap_or(0);
         let mut waited = self.waited.iter();
@@ -57,11 +60,17 @@ impl Schedule {
         (self.budget, self.work) = (budget, 0);
     }
 
-    /// The part of the budget of a technique; `leaves_room`: for what shows sooner, of those after it.
+    /// The part of the budget of a technique; `leaves_room`: for what shows sooner, of those after it. While the scene
+    /// changes, those that waited in the frame before have equal parts: otherwise the first, whose maps are never final,
+    /// would leave nothing.
     pub fn slice(&self, technique: usize, leaves_room: bool) -> Slice {
         let mut left = self.budget.after(self.work);
         if leaves_room {
             left = left.after(self.waiting[technique + 1..].iter().sum());
+        }
+        if self.is_changing {
+            let later = self.waited[technique + 1..].iter();
+            left = left.shared_by(1 + later.filter(|&&frames| frames > 0).count() as u64);
         }
         Slice::new(left, self.in_turn == Some(technique))
     }

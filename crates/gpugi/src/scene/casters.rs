@@ -25,7 +25,11 @@ const TRIANGLE_WORK: u64 = 64;
 impl Casters<'_> {
     /// Work of drawing them all into a view, without its texels, in units of [`crate::lighting::Budget`].
     pub(crate) fn work(&self) -> u64 {
-        let indices: u64 = self.draws.iter().map(|draw| draw.indices.len() as u64).sum();
+        let indices: u64 = self
+            .draws
+            .iter()
+            .map(|draw| draw.indices.len() as u64)
+            .sum();
         indices / 3 * TRIANGLE_WORK
     }
 }

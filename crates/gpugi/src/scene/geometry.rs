@@ -78,7 +78,9 @@ impl PlacedMesh {
     pub fn is_closed_after(&self, before: &Mesh, after: &Mesh) -> bool {
         let seams = self.seams.get_or_init(|| before.seams());
         let position = |vertex: u32| after.positions[vertex as usize];
-        let are_whole = seams.iter().all(|pair| position(pair[0]) == position(pair[1]));
+        let are_whole = seams
+            .iter()
+            .all(|pair| position(pair[0]) == position(pair[1]));
         if are_whole {
             self.closed
         } else {

@@ -12,12 +12,13 @@ use std::cell::Cell;
 /// Techniques work in steps and begin no further step once the frame's steps have used up the budget. The technique that
 /// has waited longest for a step takes one all the same, so a frame exceeds its budget by at most two steps; while the
 /// scene changes, by one at most in every third frame. A step is all depth maps of one light sample, the capture of one object's cube with its light, one frame of photons of one
-/// object, or less. The depth maps and the domains of image-based lighting are not cut into steps.
+/// object, or less. So is one depth map of
+/// image-based lighting; those of another sky, and its domains, are not cut into steps.
 ///
 /// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
 /// cubes; then caustics, which cubes show; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such
 /// as radiosity. Whatever waits keeps its earlier maps, whole: the light of a sample with its own shadows, distances of
-/// a cube with their light. While everything changes, maps take turns by age.
+/// a cube with their light. While everything changes, maps take turns by age, and techniques that wait have equal parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Budget(u64);
 
@@ -34,6 +35,15 @@ impl Budget {
     pub(crate) fn after(self, work: u64) -> Self {
         if self.is_limited() {
             Self(self.0.saturating_sub(work))
+        } else {
+            self
+        }
+    }
+
+    /// An equal part of it for each of `number`.
+    pub(crate) fn shared_by(self, number: u64) -> Self {
+        if self.is_limited() {
+            Self(self.0 / number)
         } else {
             self
         }

@@ -9,9 +9,9 @@ use crate::capture::depth::{
 };
 use crate::capture::{Gather, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Named, join};
-use crate::techniques::Slice;
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
+use crate::techniques::Slice;
 
 /// Most direction x point products per dispatch: about 100 ms on a slow GPU.
 const DISPATCH_WORK: u64 = 1 << 27;
@@ -303,7 +303,10 @@ impl Batches {
                 true => direction.texel,
                 false => made.known[index].texel,
             };
-            made.known[index] = Direction { texel, ..*direction };
+            made.known[index] = Direction {
+                texel,
+                ..*direction
+            };
         }
         let name = "image-based-lighting.generate";
         for batch in &mut made.batches {
@@ -311,7 +314,11 @@ impl Batches {
             let own = &drawn[first..batch.directions.end as usize];
             if own.contains(&true) {
                 let mut specs = batch.atlas.specs().to_vec();
-                for (index, spec) in specs.iter_mut().enumerate().filter(|(index, _)| own[*index]) {
+                for (index, spec) in specs
+                    .iter_mut()
+                    .enumerate()
+                    .filter(|(index, _)| own[*index])
+                {
                     *spec = views[first + index];
                 }
                 batch.atlas.update(gpu, &specs);

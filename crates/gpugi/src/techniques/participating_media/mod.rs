@@ -65,6 +65,10 @@ pub const REGISTRATION: Registration = Registration {
         is_seen.then(|| format!("{}, and media", occasion.has_lights(INFO.paths)))
     },
     settings: |occasion| {
+        // Frames in motion average what neighbours see.
+        if occasion.purpose == Purpose::LiveView {
+            return vec![("steps", 16.to_string()), ("shadow-rays", 2.to_string())];
+        }
         // Surfaces in fog would be lit by few bright rays: dots, unless there are very many samples.
         if occasion.purpose == Purpose::StillPicture && stand_apart(occasion.scene) {
             return vec![("light-surfaces", 4.to_string())];
@@ -137,7 +141,7 @@ struct Lit {
     reflecting: Option<Reflecting>,
     seen: SeenMedia,
     /// What is visible, the light that arrives, by the number of samples of area lights, and what surfaces reflect.
-    visible: Stage<Versions>,
+    visible: Stage<(Versions, u64)>,
     arriving: Stage<(Versions, u32)>,
     reflected: Stage<LightState>,
 }
@@ -207,8 +211,6 @@ impl Lit {
         if let Some(moved) = before.as_mut().filter(|_| continues)
             && moved.network.follow(gpu, &particles, from.shape, lights)?
         {
-            moved.visible.restart();
-            moved.arriving.restart();
             return Ok(before);
         }
         let before = before.as_ref().map(|before| &before.network);
@@ -299,19 +301,27 @@ impl Technique for ParticipatingMedia {
         self.passes
             .keep((constants, how), |_| Passes::new(gpu, scene, how))?;
         shaders(frame)?;
-        if lit.visible.renew(scene.versions.of(Inputs::SURFACES)) {
+        let mut is_current = true;
+        let visible = (scene.versions.of(Inputs::SURFACES), scene.versions.media);
+        lit.visible.ask(visible);
+        lit.arriving.ask((scene.versions, settings.area_samples));
+        if !lit.visible.is_current() || !lit.arriving.is_current() {
+            // Seen at once, in air.
+            lit.network.set_lights(gpu, &lights);
+            let is_new = lit.arriving.begun().is_none();
+            is_current = is_new || earlier.budget.may_step();
+        }
+        if is_current && lit.visible.renew(visible) {
             let rays = lit.network.look(frame, scene, kernels)?;
             earlier.budget.count(rays);
             self.progress = 0;
         }
-        if lit.arriving.renew((scene.versions, settings.area_samples)) {
-            lit.network.set_lights(gpu, &lights);
+        if is_current && lit.arriving.renew((scene.versions, settings.area_samples)) {
             let rays = lit.network.light(frame, scene, kernels)?;
             earlier.budget.count(rays);
             self.progress = 0;
         }
-        let mut is_current = true;
-        if let Some(reflecting) = &lit.reflecting {
+        if let Some(reflecting) = lit.reflecting.as_ref().filter(|_| is_current) {
             lit.reflected.ask(earlier.light.state(scene));
             if !lit.reflected.is_current() {
                 // Without a budget, light that is not yet final is gathered once only.
