@@ -44,6 +44,9 @@ pub struct ViewArguments {
     /// Frames per second that are wanted while something moves (default: 60)
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(5..=240))]
     frame_rate: Option<u32>,
+    /// Run the scene's animation from the beginning
+    #[arg(long)]
+    play: bool,
 }
 
 impl ViewArguments {
@@ -60,6 +63,7 @@ impl ViewArguments {
             set,
             samples: _,
             frame_rate: _,
+            play: _,
         } = self;
         let name = &scene.scene;
         if !is_view_file(Path::new(name)) {
@@ -104,6 +108,7 @@ impl ViewArguments {
                 effects,
                 samples: self.samples,
                 frame_rate: self.frame_rate.unwrap_or(Look::default().frame_rate),
+                plays: self.play,
             },
         })
     }

@@ -370,6 +370,8 @@ impl Session {
     pub fn pose(&mut self, seconds: f32) -> Result<(), LightingError> {
         let edits = self.loaded.scene().posed(seconds);
         self.loaded.edit(&edits)?;
+        let bounds = self.loaded.renderer.scene().bounds;
+        self.camera.follow(&self.loaded.scene().cameras, &bounds);
         self.clock.seconds = seconds;
         self.is_edited = true;
         Ok(())

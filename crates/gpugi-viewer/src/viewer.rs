@@ -37,6 +37,8 @@ pub struct Look {
     pub samples: Option<u32>,
     /// Frames per second that are wanted in motion.
     pub frame_rate: u32,
+    /// Whether its animation runs from the beginning.
+    pub plays: bool,
 }
 
 impl Default for Look {
@@ -46,6 +48,7 @@ impl Default for Look {
             effects: Effects::of_live_view(),
             samples: None,
             frame_rate: 60,
+            plays: false,
         }
     }
 }
@@ -288,6 +291,7 @@ impl Viewer {
             let default = session.loaded().set.default_samples();
             session.samples = look.samples.unwrap_or(default);
             session.pace.target_rate = look.frame_rate;
+            session.clock.is_playing = look.plays;
         }
         Ok(())
     }

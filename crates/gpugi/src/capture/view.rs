@@ -379,3 +379,37 @@ pub fn orthographic_reverse(half_extents: Vec2, near: f32, far: f32) -> Mat4 {
         Vec4::new(0.0, 0.0, far / range, 1.0),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_light_every_pixel_in_turn() {
+        let size = [7, 5];
+        for interval in 1..=4 {
+            let mut lit = [[0; 7]; 5];
+            for frame in 0..interval * interval {
+                let lattice = Lattice::of_frame(interval, frame);
+                // In two strips, as a picture that exceeds a buffer.
+                for rows in [0..3_u32, 3..size[1]] {
+                    let own = lattice.below(rows.start);
+                    let [column, row] = own.first.map(|first| first as usize);
+                    let mut count = 0;
+                    for y in
+                        (rows.start as usize + row..rows.end as usize).step_by(interval as usize)
+                    {
+                        for x in (column..7).step_by(interval as usize) {
+                            lit[y][x] += 1;
+                            count += 1;
+                        }
+                    }
+                    assert_eq!(own.count([size[0], rows.end - rows.start]), count);
+                }
+            }
+            assert_eq!(lit, [[1; 7]; 5], "{interval}");
+        }
+        assert_eq!(Lattice::ALL.packed(), 0);
+        assert_eq!(Lattice::of_frame(2, 1).first, [1, 1]);
+    }
+}

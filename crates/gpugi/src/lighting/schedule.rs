@@ -167,6 +167,20 @@ mod tests {
     }
 
     #[test]
+    fn while_the_scene_changes_those_that_wait_have_equal_parts() {
+        let mut schedule = Schedule::new(3);
+        let mut next = |number| frame(&mut schedule, 60, changed(number), [9, 9, 9]);
+        // Nobody has waited yet.
+        assert_eq!(next(1), [6, 0, 0]);
+        assert_eq!(next(2), [2, 2, 2]);
+        assert_eq!(next(3)[0], 6);
+        // A scene at rest is made in the order in which it is seen.
+        let mut rest = || frame(&mut schedule, 60, changed(3), [9, 9, 9]);
+        rest();
+        assert_eq!(rest()[0], 6);
+    }
+
+    #[test]
     fn what_lacks_light_has_turns_in_every_frame() {
         let mut schedule = Schedule::new(1);
         for number in 0..3 {

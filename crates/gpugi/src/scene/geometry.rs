@@ -127,3 +127,25 @@ fn vertices(mesh: &Mesh, order: &ProvokingMesh) -> Vec<gpu::Vertex> {
     };
     order.vertices.iter().map(vertex).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::builtin::shapes::cuboid;
+
+    use super::*;
+
+    #[test]
+    fn a_mesh_is_closed_until_a_seam_parts() {
+        let rest = cuboid(Vec3::ZERO, Vec3::ONE, 2);
+        assert!(rest.is_closed() && rest.positions.len() > 26);
+        let placed = PlacedMesh::new(&rest, &mut Vec::new());
+        let mut bent = rest.clone();
+        for position in &mut bent.positions {
+            position.x += 0.3 * position.y * position.y;
+        }
+        assert!(placed.is_closed_after(&rest, &bent));
+        bent.positions[0].z -= 0.1;
+        assert!(!placed.is_closed_after(&rest, &bent));
+        assert!(!bent.is_closed());
+    }
+}
