@@ -5,13 +5,13 @@ use std::fmt::Display;
 use anyhow::Context;
 use glam::{DVec3, Mat4, Vec3};
 use gpugi::scene::Edit;
-use gpugi_scene::Scene;
+use gpugi_scene::{MaterialModel, Scene};
 
 use crate::{Usage, numbers};
 
 /// What can be edited, for messages.
 const HELP: &str = "expected light.NAME.(position|direction|intensity), object.NAME.(position|place), \
-    material.NAME.(base-color|roughness|metallic|emission) or environment.(rotation|intensity), = and numbers that \
+    material.NAME.(base-color|roughness|metallic|emission|lobe) or environment.(rotation|intensity), = and numbers that \
     commas separate; an index from 0 may take the place of a name";
 
 /// Degrees and normalized directions are rounded by about so much.
@@ -100,6 +100,7 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
                 "roughness" => material.roughness = part(value)?,
                 "metallic" => material.metallic = part(value)?,
                 "emission" => material.emissive = positive(value)?,
+                "lobe" => material.model = with_lobe(material.model, value)?,
                 _ => anyhow::bail!(HELP),
             }
             Ok(Edit::Material { index, material })
@@ -178,6 +179,11 @@ pub fn in_words(edit: &Edit, scene: &Scene) -> Vec<String> {
             if before.emissive != after.emissive {
                 word(path("emission"), written(after.emissive));
             }
+            if let (Some(before), Some(after)) = (lobe(&before.model), lobe(&after.model))
+                && before != after
+            {
+                word(path("lobe"), after.to_owned());
+            }
         }
         // No words hold these.
         Edit::Mesh { .. } | Edit::Lights(_) | Edit::Media(_) | Edit::Camera { .. } => {}
@@ -242,6 +248,29 @@ fn positive(text: &str) -> anyhow::Result<Vec3> {
     Ok(vector)
 }
 
+/// The name of a glossy lobe with an exponent.
+fn lobe(model: &MaterialModel) -> Option<&'static str> {
+    match model {
+        MaterialModel::Phong { .. } => Some("phong"),
+        MaterialModel::Blinn { .. } => Some("blinn"),
+        MaterialModel::MetallicRoughness | MaterialModel::Conductor { .. } => None,
+    }
+}
+
+/// The same albedos and exponent with the other lobe.
+fn with_lobe(model: MaterialModel, name: &str) -> anyhow::Result<MaterialModel> {
+    let (MaterialModel::Phong { kd, ks, shininess } | MaterialModel::Blinn { kd, ks, shininess }) =
+        model
+    else {
+        anyhow::bail!("only lobes with an exponent (Phong's and Blinn's) take each other's place");
+    };
+    match name {
+        "phong" => Ok(MaterialModel::Phong { kd, ks, shininess }),
+        "blinn" => Ok(MaterialModel::Blinn { kd, ks, shininess }),
+        _ => anyhow::bail!("expected phong or blinn"),
+    }
+}
+
 fn number(text: &str) -> anyhow::Result<f32> {
     let [number] = numbers(text)?;
     Ok(number)
@@ -287,6 +316,8 @@ mod tests {
     #[test]
     fn what_was_edited_is_edited_in_words() {
         let mut scene = builtin("cornell", 1).unwrap();
+        let (kd, ks, shininess) = (Vec3::splat(0.5), Vec3::splat(0.2), 9.0);
+        scene.materials[1].model = MaterialModel::Phong { kd, ks, shininess };
         scene.lights = builtin("room", 1).unwrap().lights;
         scene.environment = Some(gpugi_scene::Environment::default_sky());
         let before = scene.clone();
@@ -297,6 +328,8 @@ mod tests {
         light = light.aimed(Vec3::new(0.1, 2.0, 0.7), Vec3::ZERO);
         let mut material = Box::new(scene.materials[0].clone());
         (material.emissive, material.roughness) = (Vec3::new(0.0, 1.0, 2.5), 0.25);
+        let mut other = Box::new(scene.materials[1].clone());
+        other.model = MaterialModel::Blinn { kd, ks, shininess };
         let place = |index: usize| scene.instances[index].world_from_mesh;
         let mut moved = place(1);
         moved.w_axis.y += 0.1;
@@ -304,6 +337,10 @@ mod tests {
             Edit::Environment(environment),
             Edit::Light { index: 0, light },
             Edit::Material { index: 0, material },
+            Edit::Material {
+                index: 1,
+                material: other,
+            },
             Edit::Instance {
                 index: 0,
                 world_from_mesh: place(0) * Mat4::from_rotation_y(0.3),
@@ -319,7 +356,7 @@ mod tests {
             edit.apply_to(&mut scene);
             assert!(in_words(edit, &scene).is_empty(), "{edit:?}");
         }
-        assert_eq!(words.len(), 9, "{words:?}");
+        assert_eq!(words.len(), 10, "{words:?}");
         assert!(holding(&words, &before).is_empty());
         let mut edited = before;
         apply(&words, &mut edited).unwrap();

@@ -248,6 +248,11 @@ impl Feed for Material {
                 plain(hasher, &[*kd, *ks]);
                 shininess.feed(hasher);
             }
+            MaterialModel::Blinn { kd, ks, shininess } => {
+                plain(hasher, &[3_u8]);
+                plain(hasher, &[*kd, *ks]);
+                shininess.feed(hasher);
+            }
             MaterialModel::Conductor { n, k } => {
                 plain(hasher, &[2_u8]);
                 plain(hasher, &[*n, *k]);

@@ -105,6 +105,15 @@ pub enum MaterialModel {
         /// Exponent n.
         shininess: f32,
     },
+    /// The same with Blinn's glossy lobe, by the half vector h: ks (n+2) (n+4) / (8 pi (n + 2^(-n/2))) max(0, n.h)^n.
+    Blinn {
+        /// Diffuse albedo.
+        kd: Vec3,
+        /// Specular albedo, seen from straight above; it is less from elsewhere.
+        ks: Vec3,
+        /// Exponent n: about four times Phong's for a highlight of the same size.
+        shininess: f32,
+    },
     /// A metal defined by its complex refractive index per channel; `roughness` applies.
     Conductor {
         /// Real part of the refractive index.
@@ -112,6 +121,13 @@ pub enum MaterialModel {
         /// Extinction coefficient.
         k: Vec3,
     },
+}
+
+impl MaterialModel {
+    /// Whether it is Phong's or Blinn's, which have an exponent in place of a roughness.
+    pub fn has_exponent(&self) -> bool {
+        matches!(self, Self::Phong { .. } | Self::Blinn { .. })
+    }
 }
 
 /// A surface's reflection and emission. Colours are linear Rec. 709.
@@ -260,7 +276,7 @@ impl Material {
         let is_glass = self.transmission >= 1.0 && self.transmission_texture.is_none();
         match self.model {
             MaterialModel::MetallicRoughness => !is_metal && !is_glass,
-            MaterialModel::Phong { .. } => !is_glass,
+            MaterialModel::Phong { .. } | MaterialModel::Blinn { .. } => !is_glass,
             MaterialModel::Conductor { .. } => false,
         }
     }

@@ -136,6 +136,13 @@ const MATTERS: &[Change] = &[
             shininess: 1.0,
         }
     }),
+    ("blinn", |s| {
+        s.materials[0].model = MaterialModel::Blinn {
+            kd: Vec3::ONE,
+            ks: Vec3::ONE,
+            shininess: 1.0,
+        }
+    }),
     ("shinier phong", |s| {
         s.materials[0].model = MaterialModel::Phong {
             kd: Vec3::ONE,

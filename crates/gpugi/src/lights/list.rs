@@ -37,6 +37,8 @@ pub struct MapSettings {
     /// Whether points outside the camera's view are lit. Then each light also has a view of everything that it may
     /// light.
     pub beyond_camera: bool,
+    /// Whether lights have no views at all, because none casts shadows.
+    pub unshadowed: bool,
 }
 
 /// Light samples and their depth views.
@@ -160,7 +162,7 @@ impl Source<'_> {
         }
     }
 
-    /// Views of `side` texels: six faces for a point light, five or ten for an area sample. A spot or directional light
+    /// Views of `side` texels, unless there are to be none: six faces for a point light, five or ten for an area sample. A spot or directional light
     /// has the views that follow the camera first (cascades, a warped view). With [`MapSettings::beyond_camera`], and
     /// for a spot light without a warped view, a view of everything that it may light comes last; that of a directional
     /// light shows the scene's core, beyond which nothing is in shadow.
@@ -171,6 +173,9 @@ impl Source<'_> {
         settings: &MapSettings,
         side: u32,
     ) -> Vec<DepthViewSpec> {
+        if settings.unshadowed {
+            return Vec::new();
+        }
         let near = scene.near();
         let gutter = |gutter: u32| gutter.min(side / 8);
         let light = match self {

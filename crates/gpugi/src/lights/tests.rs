@@ -72,6 +72,7 @@ const SETTINGS: MapSettings = MapSettings {
     area_samples: 64,
     area_resolution: 256,
     beyond_camera: false,
+    unshadowed: false,
 };
 
 /// The light list for a camera that looks out of the scene.

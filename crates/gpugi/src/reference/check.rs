@@ -111,7 +111,7 @@ fn has_finite_cone(kind: &LightKind) -> bool {
 fn reflects_finitely(material: &Material) -> bool {
     let of_model = match material.model {
         MaterialModel::MetallicRoughness => true,
-        MaterialModel::Phong { kd, ks, shininess } => {
+        MaterialModel::Phong { kd, ks, shininess } | MaterialModel::Blinn { kd, ks, shininess } => {
             kd.is_finite() && ks.is_finite() && shininess.is_finite()
         }
         MaterialModel::Conductor { n, k } => n.is_finite() && k.is_finite(),

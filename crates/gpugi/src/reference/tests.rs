@@ -114,6 +114,15 @@ fn samples() -> Vec<Sample> {
         ..Material::default()
     };
     samples.push(reflecting("Phong", phong, Case::phong(30.0)));
+    let blinn = Material {
+        model: MaterialModel::Blinn {
+            kd: vec3(0.3, 0.0, 1.0),
+            ks: vec3(0.7, 1.0, 0.0),
+            shininess: 30.0,
+        },
+        ..Material::default()
+    };
+    samples.push(reflecting("Blinn", blinn, Case::blinn(30.0)));
     let veil = |alpha_mode| Material {
         base_color: Vec4::new(0.5, 0.5, 0.5, 0.3),
         alpha_mode,

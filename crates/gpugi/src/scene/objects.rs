@@ -26,7 +26,7 @@ pub struct Object {
     /// Whether its surface reflects and refracts ideally, as far as the material's factors tell: `is_delta` of
     /// shared/brdf.wesl.
     pub is_smooth: bool,
-    /// Its roughness, 0 if a texture may lower it. Phong: the roughness of a GGX lobe that is about as wide.
+    /// Its roughness, 0 if a texture may lower it. Phong, Blinn: the roughness of a GGX lobe that is about as wide.
     pub least_roughness: f32,
     /// Whether its surface only scatters light diffusely.
     pub is_diffuse: bool,
@@ -67,7 +67,9 @@ fn is_diffuse(material: &Material) -> bool {
         MaterialModel::MetallicRoughness => {
             material.transmission <= 0.0 && material.metallic <= 0.0 && material.specular <= 0.0
         }
-        MaterialModel::Phong { ks, .. } => ks.max_element() <= 0.0,
+        MaterialModel::Phong { ks, .. } | MaterialModel::Blinn { ks, .. } => {
+            ks.max_element() <= 0.0
+        }
         MaterialModel::Conductor { .. } => false,
     }
 }
@@ -76,19 +78,23 @@ fn least_roughness(material: &Material) -> f32 {
     match material.model {
         // The squared width alpha^2 of a lobe cos^n is about 2 / (n + 2), and alpha is the squared roughness.
         MaterialModel::Phong { shininess, .. } => (2.0 / (shininess + 2.0)).powf(0.25),
+        // As wide as Phong's of a quarter of the exponent.
+        MaterialModel::Blinn { shininess, .. } => (2.0 / (0.25 * shininess + 2.0)).powf(0.25),
         _ if material.metallic_roughness_texture.is_some() => 0.0,
         _ => material.roughness,
     }
 }
 
 fn is_smooth(material: &Material) -> bool {
-    !matches!(material.model, MaterialModel::Phong { .. }) && material.roughness < DELTA_ROUGHNESS
+    !material.model.has_exponent() && material.roughness < DELTA_ROUGHNESS
 }
 
 /// Whether the surface has a diffuse, a glossy and an ideal lobe, as far as the material's factors tell.
 pub(super) fn lobes(material: &Material) -> [bool; 3] {
     let (diffuse, specular) = match material.model {
-        MaterialModel::Phong { kd, ks, .. } => (kd != Vec3::ZERO, ks != Vec3::ZERO),
+        MaterialModel::Phong { kd, ks, .. } | MaterialModel::Blinn { kd, ks, .. } => {
+            (kd != Vec3::ZERO, ks != Vec3::ZERO)
+        }
         MaterialModel::Conductor { .. } => (false, true),
         MaterialModel::MetallicRoughness => {
             let is_metal =

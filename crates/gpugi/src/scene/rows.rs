@@ -100,6 +100,7 @@ pub(super) fn material_row(
         MaterialModel::MetallicRoughness => (0, Vec3::ZERO, Vec3::ZERO, 0.0),
         MaterialModel::Phong { kd, ks, shininess } => (1, kd, ks, shininess),
         MaterialModel::Conductor { n, k } => (2, n, k, 0.0),
+        MaterialModel::Blinn { kd, ks, shininess } => (3, kd, ks, shininess),
     };
     // KHR_materials_ior: an index of 0 stands for a reflectance of 1 at normal incidence.
     let dielectric_f0 = if material.ior == 0.0 {

@@ -84,6 +84,7 @@ fn reflection_is_reciprocal() {
         })
         .collect();
     materials.extend([1.0, 20.0, 400.0].map(Case::phong));
+    materials.extend([0.0, 3.0, 80.0, 1600.0].map(Case::blinn));
     let mut pairs = Vec::new();
     for material in materials {
         let material = material.seen_at(0.0);
@@ -150,6 +151,7 @@ fn furnace_cases() -> Vec<Case> {
             cases.extend(materials.map(|case| case.seen_at(degrees)));
         }
         cases.extend([2.0, 60.0].map(|shininess| Case::phong(shininess).seen_at(degrees)));
+        cases.extend([0.0, 2.0, 240.0].map(|shininess| Case::blinn(shininess).seen_at(degrees)));
     }
     for case in &mut cases {
         case.samples = 1 << 14;
@@ -188,6 +190,27 @@ fn albedos_are_those_of_quadrature() {
     }
 }
 
+#[test]
+fn formulas_of_albedos_are_near_quadrature() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut cases = Vec::new();
+    for degrees in [0.0, 30.0, 60.0, 75.0, 85.0, 89.0] {
+        let phong = [2.0, 20.0, 300.0].map(|shininess| (Case::phong(shininess), 0.035));
+        let blinn = [0.0, 1.0, 5.0, 20.0, 300.0, 2000.0];
+        let blinn = blinn.map(|shininess| (Case::blinn(shininess), 0.04));
+        let of_angle = phong.into_iter().chain(blinn);
+        cases.extend(of_angle.map(|(case, bound)| (case.seen_at(degrees), bound)));
+    }
+    let only: Vec<Case> = cases.iter().map(|(case, _)| *case).collect();
+    let size = [cases.len(); 2];
+    let found = run(&gpu, &shader(), "approximate", &only, &[DVec3::Z], size);
+    for ((case, bound), found) in cases.iter().zip(found) {
+        let expected = case.glossy_albedo(1);
+        let error = (f64::from(found[1]) / expected - 1.0).abs();
+        assert!(error < *bound, "{}, not {expected}: {case:?}", found[1]);
+    }
+}
+
 /// White surfaces of every kind, from all sides: none scatters more light than it receives.
 #[test]
 fn energy_is_never_above_one() {
@@ -210,6 +233,13 @@ fn energy_is_never_above_one() {
                 });
             }
             cases.push(Case::translucent(roughness));
+            // Exponents 0 to 100.
+            let blinn = Case::blinn(100.0 * (roughness - 0.02) * (roughness - 0.02));
+            cases.push(Case {
+                diffuse: [0.0; 3],
+                f0: [1.0; 3],
+                ..blinn
+            });
             for eta in [1.5, 1.0 / 1.5, 1.0, 2.4] {
                 for transmission in [0.3, 1.0] {
                     let glass = Case {
@@ -516,7 +546,12 @@ fn delta_materials_evaluate_to_zero() {
 #[test]
 fn nothing_reflects_below_the_surface() {
     let Some(gpu) = test_gpu() else { return };
-    for case in [Case::dielectric(0.5), Case::gold(0.5), Case::phong(3.0)] {
+    for case in [
+        Case::dielectric(0.5),
+        Case::gold(0.5),
+        Case::phong(3.0),
+        Case::blinn(3.0),
+    ] {
         let case = case.seen_at(80.0);
         let below: Vec<DVec3> = [-1.0, -0.3, -1e-3]
             .iter()

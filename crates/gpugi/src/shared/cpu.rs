@@ -39,6 +39,7 @@ impl Case {
     const GGX: u32 = 0;
     const PHONG: u32 = 1;
     const CONDUCTOR: u32 = 2;
+    const BLINN: u32 = 3;
 
     /// A white dielectric of index 1.5 with normal +Z, seen from straight above.
     pub fn dielectric(roughness: f32) -> Self {
@@ -125,6 +126,14 @@ impl Case {
         }
     }
 
+    /// The same with Blinn's lobe.
+    pub fn blinn(shininess: f32) -> Self {
+        Self {
+            model: Self::BLINN,
+            ..Self::phong(shininess)
+        }
+    }
+
     /// The same case, seen at `degrees` from the normal. Both directions are rotated so that no axis is special.
     pub fn seen_at(mut self, degrees: f64) -> Self {
         let (sine, cosine) = degrees.to_radians().sin_cos();
@@ -144,8 +153,9 @@ impl Case {
         Vec3::from(self.wo).as_dvec3().normalize()
     }
 
-    pub fn is_phong(&self) -> bool {
-        self.model == Self::PHONG
+    /// Phong or Blinn.
+    pub fn has_exponent(&self) -> bool {
+        self.model == Self::PHONG || self.model == Self::BLINN
     }
 
     fn alpha(&self) -> f64 {
@@ -155,7 +165,7 @@ impl Case {
     /// The central direction of the glossy lobe, and the tangent of half its half-width.
     pub fn glossy_lobe(&self) -> (DVec3, f64) {
         let (n, wo) = (self.normal(), self.wo());
-        let width = if self.is_phong() {
+        let width = if self.has_exponent() {
             (1.0 / (f64::from(self.shininess) + 1.0)).sqrt()
         } else {
             self.alpha()
@@ -195,7 +205,7 @@ impl Case {
     pub fn diffuse_albedo(&self, channel: usize) -> f64 {
         let albedo = f64::from(self.diffuse[channel]);
         if self.model != Self::GGX {
-            return if self.is_phong() { albedo } else { 0.0 };
+            return if self.has_exponent() { albedo } else { 0.0 };
         }
         let roughness = f64::from(self.roughness);
         let f0 = self.f0.map(f64::from).into_iter().fold(0.0, f64::max);
@@ -207,10 +217,10 @@ impl Case {
 
     /// Albedo of the glossy lobe for this eye.
     pub fn glossy_albedo(&self, channel: usize) -> f64 {
-        if self.is_phong() {
-            self.phong_albedo(channel)
-        } else {
-            self.ggx_albedo(channel)
+        match self.model {
+            Self::PHONG => self.phong_albedo(channel),
+            Self::BLINN => self.blinn_albedo(channel),
+            _ => self.ggx_albedo(channel),
         }
     }
 
@@ -282,6 +292,34 @@ impl Case {
             }
         }
         sum / (STEPS * STEPS) as f64
+    }
+
+    /// Integral over half vectors, with evenly spaced (n.h)^(n+2): f cos dwi = f n.l 4 (v.h) dh. The factor is the
+    /// inverse of the integral from straight above, 8 pi int c^(n+1) (2 c^2 - 1) dc from sqrt(1/2) to 1.
+    fn blinn_albedo(&self, channel: usize) -> f64 {
+        const STEPS: usize = 400;
+        let (n, wo) = (self.normal(), self.wo());
+        let (frame, exponent) = (frame(n), f64::from(self.shininess));
+        let antiderivative = |c: f64| {
+            2.0 * c.powf(exponent + 4.0) / (exponent + 4.0)
+                - c.powf(exponent + 2.0) / (exponent + 2.0)
+        };
+        let from_above = 4.0 * TAU * (antiderivative(1.0) - antiderivative(0.5_f64.sqrt()));
+        let mut sum = 0.0;
+        for i in 0..STEPS {
+            let c = ((i as f64 + 0.5) / STEPS as f64).powf(1.0 / (exponent + 2.0));
+            let s = (1.0 - c * c).sqrt();
+            for j in 0..STEPS {
+                let phi = TAU * (j as f64 + 0.5) / STEPS as f64;
+                let v_dot_h = wo.dot(frame * DVec3::new(s * phi.cos(), s * phi.sin(), c));
+                let n_dot_l = 2.0 * v_dot_h * c - n.dot(wo);
+                if v_dot_h > 0.0 && n_dot_l > 0.0 {
+                    sum += 4.0 * v_dot_h * n_dot_l / c;
+                }
+            }
+        }
+        let mean = sum / (STEPS * STEPS) as f64;
+        f64::from(self.f0[channel]) * mean * TAU / (exponent + 2.0) / from_above
     }
 
     /// Integral around the mirror direction, with evenly spaced cos^(n+1).
@@ -366,6 +404,10 @@ fn quadratures_agree_with_closed_forms() {
     assert!(
         (Case::phong(8.0).phong_albedo(1) - 1.0).abs() < 1e-4,
         "Phong at normal incidence loses nothing"
+    );
+    assert!(
+        (Case::blinn(8.0).blinn_albedo(1) - 1.0).abs() < 1e-3,
+        "Blinn at normal incidence loses nothing"
     );
     assert!(
         (Case::metal(0.1).ggx_albedo(0) - 1.0).abs() < 2e-3,

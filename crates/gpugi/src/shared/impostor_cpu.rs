@@ -263,6 +263,29 @@ impl Cube {
             d = (d + (1.0 - ratio) / slope).clamp(0.0, FAR);
             ratio = self.ratio(x + r * d);
         }
+        self.ending(x, r, d, ratio)
+    }
+
+    /// The secant method proper: always through the last two points.
+    pub fn pure_secant(&self, x: DVec3, r: DVec3, iterations: u32) -> Hit {
+        let r_distance = 1.0 / self.ratio(r).max(1.0 / FAR);
+        let mut d_before = (r_distance - r.dot(x)).max(0.0);
+        let mut before = self.ratio(x + r * d_before);
+        let mut d = (d_before + r_distance * (1.0 - before)).clamp(0.0, FAR);
+        let mut ratio = self.ratio(x + r * d);
+        for _ in 0..iterations {
+            if (ratio - 1.0).abs() < 1e-4 || ratio == before {
+                break;
+            }
+            let next = d + (d - d_before) * (1.0 - ratio) / (ratio - before);
+            (d_before, before) = (d, ratio);
+            d = next.clamp(0.0, FAR);
+            ratio = self.ratio(x + r * d);
+        }
+        self.ending(x, r, d, ratio)
+    }
+
+    fn ending(&self, x: DVec3, r: DVec3, d: f64, ratio: f64) -> Hit {
         let is_near = (ratio - 1.0).abs() < self.largest_step();
         Hit {
             distance: (ratio > 0.0).then_some(d),

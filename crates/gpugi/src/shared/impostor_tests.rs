@@ -22,6 +22,8 @@ enum Version {
     Secant(u32),
     /// The tutorial's second version, with its number of iterations.
     FalsePosition(u32),
+    /// The secant method proper, with its number of iterations.
+    PureSecant(u32),
 }
 
 /// `Ray` of testing/impostor.wesl.
@@ -129,6 +131,7 @@ impl<'a> Impostor<'a> {
             Version::Robust => [0, 0],
             Version::Secant(iterations) => [1, iterations],
             Version::FalsePosition(iterations) => [2, iterations],
+            Version::PureSecant(iterations) => [3, iterations],
         };
         let settings = gpu.uniform("search", &settings).unwrap();
         let input = gpu.storage("rays", rays).unwrap();
@@ -155,6 +158,7 @@ fn twin(cube: &Cube, version: Version, ray: &Ray) -> Hit {
         Version::Robust => cube.search(x, r),
         Version::Secant(iterations) => cube.tutorial(true, x, r, iterations),
         Version::FalsePosition(iterations) => cube.tutorial(false, x, r, iterations),
+        Version::PureSecant(iterations) => cube.pure_secant(x, r, iterations),
     }
 }
 
@@ -233,6 +237,9 @@ fn searches_are_what_their_twins_are() {
             Version::Secant(3),
             Version::FalsePosition(0),
             Version::FalsePosition(4),
+            Version::PureSecant(0),
+            Version::PureSecant(1),
+            Version::PureSecant(2),
         ] {
             let outputs = impostor.search(version, &rays);
             let differ = rays.iter().zip(&outputs).filter(|(ray, output)| {
@@ -346,6 +353,27 @@ fn a_second_layer_shows_what_is_hidden() {
     }
 }
 
+/// Section 5.1.2: the secant method usually converges faster than false position, where the surface is simple.
+#[test]
+fn the_secant_method_converges_faster_in_an_empty_room() {
+    let Some(gpu) = test_gpu() else { return };
+    let cube = Cube::new(128, &SPHERE);
+    let rays = random_rays(&SPHERE, 4000);
+    let impostor = Impostor::new(&gpu, &cube);
+    let mean = |version| {
+        let outputs = impostor.search(version, &rays);
+        score(&SPHERE, &cube, &rays, &outputs).mean
+    };
+    for iterations in [2, 4] {
+        let pure = mean(Version::PureSecant(iterations));
+        let both = mean(Version::Secant(iterations));
+        assert!(pure < 0.5 * both, "{iterations}: {pure}, {both}");
+    }
+    // Without an iteration, both return the first guess.
+    let [pure, both] = [Version::PureSecant(0), Version::Secant(0)].map(mean);
+    assert!((pure - both).abs() < 1e-6 * both, "{pure}, {both}");
+}
+
 #[test]
 fn thin_things_are_found() {
     let Some(gpu) = test_gpu() else { return };
@@ -415,6 +443,7 @@ fn hopeless_rays_end_well() {
         Version::Robust,
         Version::Secant(4),
         Version::FalsePosition(4),
+        Version::PureSecant(4),
     ];
     let axes = [
         Vec3::X,
@@ -564,6 +593,7 @@ fn print_errors() {
             for iterations in [0, 1, 2, 4, 8].into_iter().filter(|_| side == 256) {
                 versions.push(Version::Secant(iterations));
                 versions.push(Version::FalsePosition(iterations));
+                versions.push(Version::PureSecant(iterations));
             }
             for version in versions {
                 let outputs = impostor.search(version, &rays);

@@ -318,6 +318,42 @@ fn lit_surfaces_have_no_acne() {
     }
 }
 
+#[test]
+fn unshadowed_light_passes_everything() {
+    let Some(gpu) = gpu() else { return };
+    let [min, max] = [vec3(-0.5, 0.4, -0.5), vec3(0.5, 0.8, 0.5)];
+    let mut boxed = floor(2.0);
+    let grey = Material::matt("box", Vec3::splat(0.5));
+    place(&mut boxed, cuboid(min, max, 1), grey);
+    let camera = Camera::look_at("", vec3(2.0, 2.5, 3.0), Vec3::ZERO, 0.8);
+    let lights = [
+        point_light(vec3(0.5, 2.0, -0.3), 10.0),
+        spot(vec3(1.0, 3.0, 0.0), Vec3::ZERO, 10.0, 25.0, 20.0),
+        sun(vec3(1.0, 3.0, 0.5), 3.0),
+    ];
+    for light in lights {
+        let scene = lit_by(boxed.clone(), light.clone());
+        let settings = ["shadow-map.filter=unshadowed"];
+        let picture = render(&gpu, &scene, &camera, 64, &settings);
+        let mut behind = 0;
+        for lit in picture.lit().filter(|lit| lit.instance == 0) {
+            let toward = match light.kind {
+                LightKind::Directional => lit.position - 9.0 * light.direction(),
+                _ => light.position(),
+            };
+            behind += usize::from(meets(lit.position, toward, min, max));
+            let expected = GREY_BRDF * irradiance(&light, lit.position, Vec3::Y);
+            let error = (lit.radiance.x - expected).abs();
+            assert!(
+                error <= 0.01 * expected + 1e-4,
+                "{}: {lit:?}, not {expected}",
+                light.name
+            );
+        }
+        assert!(behind > 50, "{}: {behind} points", light.name);
+    }
+}
+
 /// A wall without thickness on a floor: no light behind its foot, no shadow in front of it, whatever filters do there.
 #[test]
 fn no_light_passes_under_a_thin_wall() {

@@ -229,6 +229,7 @@ fn strip(material: &mut Object) {
     if let Some(extras) = material.get_mut("extras").and_then(Value::as_object_mut) {
         if let Some(own) = extras.get_mut("gpugi").and_then(Value::as_object_mut) {
             own.shift_remove("phong");
+            own.shift_remove("blinn");
             own.shift_remove("conductor");
         }
         remove_empty(extras, "gpugi");

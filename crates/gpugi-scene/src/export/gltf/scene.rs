@@ -274,7 +274,8 @@ impl Writer<'_> {
         let mut extras = Value::Null;
         match material.model {
             MaterialModel::MetallicRoughness => {}
-            MaterialModel::Phong { kd, ks, shininess } => {
+            MaterialModel::Phong { kd, ks, shininess }
+            | MaterialModel::Blinn { kd, ks, shininess } => {
                 // The diffuse albedo is base colour times kd. Move the colour into the base colour, which other viewers
                 // read, too, and leave a kd as grey as kd + ks <= 1 allows.
                 let grey = Vec3::splat(kd.max_element()).min(Vec3::ONE - ks);
@@ -284,7 +285,9 @@ impl Writer<'_> {
                 let kd = grey;
                 extras =
                     json!({ "kd": kd.to_array(), "ks": ks.to_array(), "shininess": shininess });
-                extras = json!({ "gpugi": { "phong": extras } });
+                let is_blinn = matches!(material.model, MaterialModel::Blinn { .. });
+                let model = if is_blinn { "blinn" } else { "phong" };
+                extras = json!({ "gpugi": { model: extras } });
             }
             MaterialModel::Conductor { n, k } => {
                 // gpugi reads n and k; other viewers get the resulting reflectance at normal incidence.

@@ -12,9 +12,11 @@ use crate::{ImportError, MaterialModel};
 #[derive(Deserialize)]
 struct MaterialExtras {
     phong: Option<Phong>,
+    blinn: Option<Phong>,
     conductor: Option<Conductor>,
 }
 
+/// Of Phong's model and of Blinn's.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Phong {
@@ -69,10 +71,11 @@ pub fn material_model(
     let extras =
         MaterialExtras::deserialize(value).map_err(|error| document.error(&place, error))?;
     let wrong = |reason: &str| Err(document.error(&place, reason));
-    match (extras.phong, extras.conductor) {
-        (None, None) => Ok(MaterialModel::MetallicRoughness),
-        (Some(_), Some(_)) => wrong("a material is either phong or conductor"),
-        (Some(Phong { kd, ks, shininess }), None) => {
+    let is_blinn = extras.blinn.is_some();
+    match (extras.phong, extras.blinn, extras.conductor) {
+        (None, None, None) => Ok(MaterialModel::MetallicRoughness),
+        (Some(Phong { kd, ks, shininess }), None, None)
+        | (None, Some(Phong { kd, ks, shininess }), None) => {
             // Tolerate rounding errors in kd + ks.
             let keeps_energy = (kd + ks).cmple(Vec3::splat(1.0 + 1e-4)).all();
             let is_positive = kd.cmpge(Vec3::ZERO).all() && ks.cmpge(Vec3::ZERO).all();
@@ -82,9 +85,12 @@ pub fn material_model(
             if !shininess.is_finite() || shininess < 0.0 {
                 return wrong("shininess must be finite and not negative");
             }
-            Ok(MaterialModel::Phong { kd, ks, shininess })
+            Ok(match is_blinn {
+                true => MaterialModel::Blinn { kd, ks, shininess },
+                false => MaterialModel::Phong { kd, ks, shininess },
+            })
         }
-        (None, Some(Conductor { n, k })) => {
+        (None, None, Some(Conductor { n, k })) => {
             let is_metal = n.is_finite()
                 && k.is_finite()
                 && n.cmpgt(Vec3::ZERO).all()
@@ -94,6 +100,7 @@ pub fn material_model(
             }
             Ok(MaterialModel::Conductor { n, k })
         }
+        _ => wrong("a material is one of phong, blinn and conductor"),
     }
 }
 

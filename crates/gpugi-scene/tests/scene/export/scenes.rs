@@ -233,6 +233,22 @@ fn other_models_come_back() {
     assert_eq!(grey * material.base_color.truncate(), kd);
     assert_eq!(material.base_color.truncate(), kd / 0.5);
 
+    let blinn = MaterialModel::Blinn {
+        kd: Vec3::splat(0.5),
+        ks: Vec3::splat(0.25),
+        shininess: 20.0,
+    };
+    scene.materials[0].model = blinn;
+    let back = Baked::new(&export_scene(&scene).unwrap().glb).scene;
+    assert_eq!(
+        back.materials[0].model,
+        MaterialModel::Blinn {
+            kd: Vec3::splat(0.5),
+            ks: Vec3::splat(0.25),
+            shininess: 20.0
+        }
+    );
+
     let conductor = MaterialModel::Conductor {
         n: Vec3::splat(0.5),
         k: Vec3::splat(3.0),

@@ -416,7 +416,19 @@ fn phong() {
         shininess: 60.0,
     };
     assert_eq!(material(phong(0.5, 0.5, 60.0)).model, model);
+    let mut blinn = phong(0.5, 0.5, 60.0);
+    let own = blinn["extras"]["gpugi"].as_object_mut().unwrap();
+    let parameters = own.remove("phong").unwrap();
+    own.insert("blinn".into(), parameters.clone());
+    let model = MaterialModel::Blinn {
+        kd: Vec3::new(0.5, 0.1, 0.2),
+        ks: Vec3::new(0.5, 0.3, 0.4),
+        shininess: 60.0,
+    };
+    assert_eq!(material(blinn.clone()).model, model);
     let place = "materials[0].extras.gpugi";
+    blinn["extras"]["gpugi"]["phong"] = parameters;
+    File::with_material(blinn).assert_error(place, "one of phong, blinn and conductor");
     File::with_material(phong(0.5, 0.6, 60.0)).assert_error(place, "at most 1");
     File::with_material(phong(-0.5, 0.6, 60.0)).assert_error(place, "negative");
     File::with_material(phong(0.5, 0.5, -1.0)).assert_error(place, "shininess");

@@ -319,7 +319,7 @@ fn ideal_materials(scene: &Scene, greens: &mut HashMap<usize, f32>) -> Vec<bool>
 /// Whether a material has a lobe that is ideal if it is smooth.
 fn reflects(material: &Material) -> bool {
     match material.model {
-        MaterialModel::Phong { .. } => false,
+        MaterialModel::Phong { .. } | MaterialModel::Blinn { .. } => false,
         MaterialModel::Conductor { .. } => true,
         MaterialModel::MetallicRoughness => {
             material.specular > 0.0 || material.metallic > 0.0 || material.transmission > 0.0

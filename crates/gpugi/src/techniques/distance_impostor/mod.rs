@@ -67,6 +67,8 @@ crate::choices! {
         Secant = "secant",
         /// The tutorial's second version: false position.
         FalsePosition = "false-position",
+        /// The secant method proper: always through the last two guesses.
+        PureSecant = "pure-secant",
         /// No search: surroundings count as infinitely far, as in classical environment mapping.
         None = "none",
     }
@@ -79,6 +81,7 @@ impl Search {
             Self::Walk | Self::None => 0,
             Self::Secant => 1,
             Self::FalsePosition => 2,
+            Self::PureSecant => 3,
         }
     }
 }
@@ -188,9 +191,10 @@ crate::settings! {
         pub resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
         /// Side of the faces of refractors' shapes, a power of two.
         pub shape_resolution: u32 = 256 => in_range(16.0, 1024.0).power_of_two().unit("texels"),
-        /// How hits are searched for: walk, secant, false-position or none; none is classical environment mapping.
+        /// How hits are searched for: walk; secant, then false position; false-position; pure-secant; or none, classical
+        /// environment mapping.
         pub search: Search = Search::Walk => any(),
-        /// Steps of the searches secant and false-position.
+        /// Steps of the searches secant, false-position and pure-secant.
         pub iterations: u32 = 4 => in_range(0.0, 64.0),
         /// Most surfaces that light meets inside a refractor; 0: it refracts once, on its way in.
         pub bounces: u32 = 4 => in_range(0.0, 16.0),

@@ -182,6 +182,7 @@ fn shaders_and_host_agree_on_constants() {
     for (name, search) in [
         ("SEARCH_SECANT", Search::Secant),
         ("SEARCH_FALSE_POSITION", Search::FalsePosition),
+        ("SEARCH_PURE_SECANT", Search::PureSecant),
     ] {
         assert_eq!(
             constant(&gather, "impostor_maps", name),

@@ -115,14 +115,17 @@ impl ObscuranceMaps {
         let capture = AtlasCapture::new(gpu, host, scene, atlas, &options)?;
         let solution = Solution::new(gpu, host, scene, atlas, &capture, &settings)?;
         let is_colored = settings.ambient == Ambient::Colored;
+        let is_constant = settings.ambient == Ambient::Constant;
         let constants = [
             ("COLORED", f64::from(u8::from(is_colored))),
+            ("CONSTANT", f64::from(u8::from(is_constant))),
+            ("RADIANCE", f64::from(settings.ambient_radiance)),
             solution.least_samples(),
         ];
         let light = shader!("techniques.obscurances.light");
         let openness = shader!("techniques.obscurances.openness");
         let gather = shader!("techniques.obscurances.gather");
-        let is_lit = settings.ambient != Ambient::Off;
+        let is_lit = settings.sums_light();
         let direct = capture.points().filter(|_| is_lit);
         Ok(Self {
             gather: TexelGather::new(gpu, scene, &gather, &constants)?,
@@ -197,11 +200,12 @@ impl Technique for Obscurances {
     }
 
     fn plan(&mut self, scene: &GpuScene, covered: &[LightPaths], _: &[Claims]) -> Plan {
-        // The ambient term derives from the direct light of other techniques: it covers only light classes that
-        // they cover.
+        // Unless its radiance is given, the ambient term derives from the direct light of other techniques: it covers
+        // only light classes that they cover.
         let is_lit = |paths: &&LightPaths| {
             self.settings.ambient != Ambient::Off
-                && overlap(covered, &[LightPaths::new(paths.class, "LDE")]).is_some()
+                && (!self.settings.sums_light()
+                    || overlap(covered, &[LightPaths::new(paths.class, "LDE")]).is_some())
         };
         let paths: Vec<LightPaths> = INFO.paths.iter().filter(is_lit).cloned().collect();
         Plan::adding(paths, scene)
@@ -246,8 +250,7 @@ impl Technique for Obscurances {
             maps.revision += 1;
         }
         maps.is_shown = is_done;
-        let is_lit = settings.ambient != Ambient::Off;
-        if is_lit && maps.lit.renew(earlier.light.state(scene)) {
+        if settings.sums_light() && maps.lit.renew(earlier.light.state(scene)) {
             maps.sum_light(frame, scene, earlier)?;
         }
         Ok(Generated {

@@ -32,6 +32,8 @@ crate::choices! {
         Plain = "plain",
         /// Equation 25 with colored W.
         Colored = "colored",
+        /// Equation 25 with W = 1: the same everywhere, as in local illumination.
+        Constant = "constant",
     }
 }
 
@@ -56,13 +58,22 @@ crate::settings! {
         pub most_lines: u32 = 2048 => in_range(16.0, 8192.0),
         /// Seed of all random decisions.
         pub seed: u32 = 0 => in_range(0.0, 4_294_967_295.0),
-        /// Ambient term, the indirect light of closed scenes: off, plain, or colored.
+        /// Ambient term, the indirect light of closed scenes: off, plain, colored, or constant, which nothing obscures.
         pub ambient: Ambient = Ambient::Off => any(),
+        /// Ambient radiance; 0: that of a closed scene with the lights that other techniques add.
+        pub ambient_radiance: f32 = 0.0 => in_range(0.0, 1e9).unit("W/sr/m^2"),
         /// Side of the pages of the atlas that a renderer lays out.
         pub resolution: u32 = 512 => in_range(16.0, 8192.0).unit("texels"),
         /// Texels per metre of that atlas, on as many pages as needed; 0: as many texels as fit on one page.
         pub density: f32 = 0.0 => in_range(0.0, 1e6).unit("1/m"),
         /// Steps that a renderer takes per frame; each step is 4 million rays or one bundle.
         pub steps: u32 = 1 => in_range(1.0, 4096.0),
+    }
+}
+
+impl Settings {
+    /// Whether the ambient light derives from the direct light of the scene.
+    pub(super) fn sums_light(&self) -> bool {
+        self.ambient != Ambient::Off && self.ambient_radiance == 0.0
     }
 }

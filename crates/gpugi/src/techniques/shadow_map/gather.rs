@@ -27,14 +27,20 @@ pub struct ShadowGather {
 }
 
 impl ShadowGather {
-    /// Compiles the pass for lookups in `shadows`.
+    /// Compiles the pass for lookups in `shadows`, or for light `unshadowed` by surfaces.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, scene: &GpuScene, shadows: &Shadows) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        shadows: &Shadows,
+        unshadowed: bool,
+    ) -> Result<Self, GpuError> {
         let shader = shader!("techniques.shadow_map.gather");
         let constants = [
             ("HAS_TRANSMITTANCE", shadows.has_transmittance().into()),
+            ("UNSHADOWED", f64::from(u8::from(unshadowed))),
             scene.media_constant(),
         ];
         Ok(Self {

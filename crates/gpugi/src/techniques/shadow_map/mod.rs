@@ -59,6 +59,8 @@ const DIRECT: &[LightPaths] = &[
 crate::choices! {
     /// How shadows are smoothed.
     pub enum Filter {
+        /// No shadows, and no depth maps: the light of what stands in the way of nothing (tutorial figure 2, left).
+        Unshadowed = "unshadowed",
         /// One comparison, interpolated by the hardware.
         None = "none",
         /// Percentage-closer filtering over a disc.
@@ -73,7 +75,8 @@ crate::settings! {
     pub struct Settings {
         /// Side of a depth map.
         pub resolution: u32 = 1024 => in_range(16.0, 8192.0).unit("texels"),
-        /// How shadows are smoothed: none, percentage-closer filtering, or percentage-closer soft shadows.
+        /// How shadows are smoothed: none, percentage-closer filtering, or percentage-closer soft shadows. unshadowed:
+        /// there are no shadows, and no depth maps.
         pub filter: Filter = Filter::Pcf => any(),
         /// Radius of the filter disc.
         pub filter_radius: f32 = 1.5 => in_range(0.0, 16.0).unit("texels"),
@@ -131,6 +134,7 @@ impl Settings {
             // What is lit for all samples, such as texels, takes the lights' centres.
             turn: (self.per_sample && sample != View::NO_SAMPLE).then_some(sample),
             beyond_camera,
+            unshadowed: self.filter == Filter::Unshadowed,
         }
     }
 
@@ -144,7 +148,7 @@ impl Settings {
             && shared >= SHARED_PER_LIGHT * lights().count();
         GatherSettings {
             kind: match self.filter {
-                Filter::None => 0,
+                Filter::Unshadowed | Filter::None => 0,
                 Filter::Pcf => 1,
                 Filter::Pcss => 2,
             },
@@ -174,8 +178,8 @@ struct MapsKey {
 pub struct ShadowMap {
     /// The settings.
     pub settings: Settings,
-    /// By whether casters let light through, and whether there are media.
-    passes: Stage<[bool; 2], Passes>,
+    /// By whether casters let light through, whether there are media, and whether there are no shadows.
+    passes: Stage<[bool; 3], Passes>,
     /// Lights whose maps are drawn. While maps wait, the list stays: a jittered view would change the maps of warped
     /// spots in every sample.
     lights: Stage<MapsKey, LightList>,
@@ -192,17 +196,19 @@ struct Passes {
 }
 
 impl Passes {
-    fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
+    fn new(gpu: &Gpu, scene: &GpuScene, settings: &Settings) -> Result<Self, GpuError> {
         let shadows = Shadows::new(gpu, scene)?;
+        let unshadowed = settings.filter == Filter::Unshadowed;
         Ok(Self {
-            gather: ShadowGather::new(gpu, scene, &shadows)?,
+            gather: ShadowGather::new(gpu, scene, &shadows, unshadowed)?,
             shadows,
         })
     }
 
-    fn key(scene: &GpuScene) -> [bool; 2] {
+    fn key(scene: &GpuScene, settings: &Settings) -> [bool; 3] {
         let is_see_through = scene.has_see_through(Claims::SHADOW);
-        [is_see_through, !scene.media.is_empty()]
+        let unshadowed = settings.filter == Filter::Unshadowed;
+        [is_see_through, !scene.media.is_empty(), unshadowed]
     }
 }
 
@@ -213,8 +219,9 @@ impl ShadowMap {
     /// [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, scene: &GpuScene) -> Result<Self, GpuError> {
         let mut made = Self::default();
-        made.passes
-            .keep(Passes::key(scene), |_| Passes::new(gpu, scene))?;
+        made.passes.keep(Passes::key(scene, &made.settings), |_| {
+            Passes::new(gpu, scene, &made.settings)
+        })?;
         Ok(made)
     }
 }
@@ -258,9 +265,10 @@ impl Technique for ShadowMap {
         earlier: &mut Earlier<'_>,
     ) -> Result<Generated, Unready> {
         let (gpu, lights, budget) = (frame.gpu, &mut self.lights, &mut earlier.budget);
-        let passes = self.passes.compiled(frame, Passes::key(scene), |_| {
+        let (key, settings) = (Passes::key(scene, &self.settings), &self.settings);
+        let passes = self.passes.compiled(frame, key, |_| {
             lights.clear();
-            Passes::new(gpu, scene)
+            Passes::new(gpu, scene, settings)
         })?;
         let follows_camera = scene.lights.iter().any(|light| match light.kind {
             LightKind::Directional => true,
@@ -335,6 +343,7 @@ impl Technique for ShadowMap {
 
     fn inspect(&self) -> Inspection {
         let atlas = self.passes.get().and_then(|passes| passes.shadows.atlas());
+        let atlas = atlas.filter(|_| self.settings.filter != Filter::Unshadowed);
         let map = atlas.map(|atlas| Map::of_texture("shadow-map.atlas", &atlas.texture));
         let list = self.lights.get();
         Inspection {

@@ -73,7 +73,7 @@ fn impossible_places_stay_finite() {
             "0.9,1.2,0.7",
             "auto",
         ] {
-            for search in ["secant", "false-position", "none", "walk"] {
+            for search in ["secant", "false-position", "pure-secant", "none", "walk"] {
                 for setting in [("reference", reference), ("search", search)] {
                     set(&mut renderer, setting);
                 }
@@ -107,7 +107,7 @@ fn open_scenes_show_the_environment() {
         assert_eq!(brightness(&dark, 0), 0.0, "{}", material.name);
         scene.environment = Some(white_sky());
         let mut renderer = renderer(&gpu, &scene, &[]);
-        for search in ["walk", "secant", "false-position", "none"] {
+        for search in ["walk", "secant", "false-position", "pure-secant", "none"] {
             set(&mut renderer, ("search", search));
             let lit = seen_by(&mut renderer, search, &toward(Vec3::ZERO));
             let found = brightness(&lit, 0);

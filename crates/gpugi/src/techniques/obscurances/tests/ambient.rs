@@ -111,6 +111,44 @@ fn ambient_light_is_obscured_and_off_unless_asked_for() {
 }
 
 #[test]
+fn nothing_obscures_constant_ambient_light() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = lit_ball(Vec3::splat(0.5));
+    let direct = radiance(&gpu, &scene, &["shadow-map"], &[]).unwrap();
+    let settings = [("ambient", "constant"), ("distance", "2.5")];
+    let settings = [&settings[..], &SETTINGS].concat();
+    let all = radiance(&gpu, &scene, &["shadow-map", "obscurances"], &settings).unwrap();
+    // L = a / pi R E / (1 - R), and L_direct = a E / pi.
+    for (all, direct) in all.iter().zip(&direct) {
+        assert!((all / direct / 2.0 - 1.0).abs() < 0.05, "{all}, {direct}");
+    }
+}
+
+#[test]
+fn ambient_radiance_may_be_given() {
+    let Some(gpu) = test_gpu() else { return };
+    let albedo = Vec3::new(0.8, 0.5, 0.2);
+    let mut scene = lit_ball(albedo);
+    scene.lights.clear();
+    // W inside a sphere is known.
+    let obscured = 0.8 * (2.0_f32 / 2.5).sqrt();
+    for (ambient, factor) in [("constant", 1.0), ("plain", obscured)] {
+        let settings = [
+            ("ambient", ambient),
+            ("ambient-radiance", "0.7"),
+            ("distance", "2.5"),
+        ];
+        let settings = [&settings[..], &SETTINGS].concat();
+        let all = radiance(&gpu, &scene, &["obscurances"], &settings).unwrap();
+        for (index, found) in all.iter().enumerate() {
+            let wanted = 0.7 * factor * albedo[index % 3];
+            let error = (found / wanted - 1.0).abs();
+            assert!(error < 0.05, "{ambient}: {found}, not {wanted}");
+        }
+    }
+}
+
+#[test]
 fn indirect_light_is_added_once() {
     let Some(gpu) = test_gpu() else { return };
     let scene = lit_ball(Vec3::splat(0.5));
