@@ -45,6 +45,7 @@ pub(super) fn receiver(gpu: &Gpu, sums: &[[f32; 4]]) -> Receiver {
         view: unread,
         first: 0,
         count: sums.len() as u32,
+        lit: sums.len() as u32,
         hits: hits.create_view(&Default::default()),
         output: Output::default(),
         slots: Slots::default(),

@@ -25,6 +25,7 @@ fn seen(gpu: &Gpu, points: &[[u32; 12]], triangles: &[u32]) -> Receiver {
         view: gpu.storage("view", &[0; 4]).unwrap(),
         first: 0,
         count: points.len() as u32,
+        lit: points.len() as u32,
         hits: hits.create_view(&Default::default()),
         output: Default::default(),
         slots: Default::default(),
