@@ -37,7 +37,11 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
         for choice in direct {
             let is_shared = choice.technique == SHADOWS && has_emitters(&scene);
             let names: Vec<&str> = choice.settings.iter().map(|(name, _)| *name).collect();
-            let expected: &[&str] = if is_shared { &["interleaved"] } else { &[] };
+            let expected: &[&str] = match choice.technique {
+                "participating-media" => &["steps", "shadow-rays"],
+                _ if is_shared => &["interleaved"],
+                _ => &[],
+            };
             assert_eq!(names, expected, "{}: {}", scene.name, choice.technique);
         }
         assert_eq!(gather.technique, FINAL_GATHER);

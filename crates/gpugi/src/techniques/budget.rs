@@ -43,7 +43,7 @@ impl Budget {
     /// An equal part of it for each of `number`.
     pub(crate) fn shared_by(self, number: u64) -> Self {
         if self.is_limited() {
-            Self(self.0 / number)
+            Self(self.0.div_ceil(number))
         } else {
             self
         }

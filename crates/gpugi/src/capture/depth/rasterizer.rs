@@ -122,6 +122,20 @@ impl DepthRasterizer {
             .record(frame, name, &self.kernels, casters, atlas)
     }
 
+    /// Whether compute draws an atlas.
+    pub fn draws_by_compute(
+        &self,
+        scene: &GpuScene,
+        atlas: &DepthAtlas,
+        drawing: DepthDrawing,
+    ) -> bool {
+        let casters = match &self.simplified {
+            Some(simplified) => simplified.casters(scene),
+            None => scene.casters(),
+        };
+        by_compute(casters, atlas, drawing.rasterizer)
+    }
+
     /// Draws those views with the hardware rasterizer whose indices `is_drawn` accepts; the others keep their depth.
     pub fn record_some(
         &mut self,

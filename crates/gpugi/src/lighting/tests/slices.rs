@@ -227,8 +227,10 @@ fn move_lamp(scene: &mut Scene, lamp: usize) {
     *matrix = Mat4::from_translation(Vec3::new(0.0, 0.02, 0.0)) * *matrix;
 }
 
-/// The maps of one lamp have six faces of 32 x 32 texels.
-const TEXELS: u64 = 6 * 32 * 32;
+/// The maps of one lamp have six faces of 32 x 32 texels; a triangle counts as 64.
+fn work_of_lamp(scene: &Scene) -> u64 {
+    6 * 32 * 32 + 64 * scene.statistics().triangles
+}
 
 /// A frame draws the maps of one lamp; the final ones are the same as without a budget. A moving lamp's shadow follows
 /// in the same frame.
@@ -241,14 +243,17 @@ fn depth_maps_are_drawn_one_lamp_per_frame() {
         let readiness = one_frame(&mut sliced);
         assert!(!readiness.is_usable(), "{readiness:?}");
         assert!(readiness.progress() < 1.0);
-        assert_eq!(sliced.work(), TEXELS);
+        assert_eq!(sliced.work(), work_of_lamp(&scene));
         assert!(words_of_maps(&gpu, &sliced).is_empty());
     }
     assert_eq!(one_frame(&mut sliced), Readiness::Ready);
     let same_as_whole = |scene: &Scene, sliced: &mut Renderer| {
         let mut whole = shadows(&gpu, scene, Budget::UNLIMITED);
         assert_eq!(frames(&mut whole), 1);
-        assert_eq!(whole.work(), scene.lights.len() as u64 * TEXELS);
+        assert_eq!(
+            whole.work(),
+            scene.lights.len() as u64 * work_of_lamp(scene)
+        );
         assert!(depths(&gpu, sliced) == depths(&gpu, &whole));
         for renderer in [&mut whole, &mut *sliced] {
             renderer.render_sample(&camera(), 1, None, false).unwrap();
@@ -260,7 +265,7 @@ fn depth_maps_are_drawn_one_lamp_per_frame() {
     move_lamp(&mut scene, 1);
     sliced.update(&scene).unwrap();
     assert_eq!(one_frame(&mut sliced), Readiness::Ready);
-    assert_eq!(sliced.work(), TEXELS);
+    assert_eq!(sliced.work(), work_of_lamp(&scene));
     same_as_whole(&scene, &mut sliced);
     assert_eq!(one_frame(&mut sliced), Readiness::Ready);
     assert_eq!(sliced.work(), 0);
@@ -271,7 +276,7 @@ fn depth_maps_are_drawn_one_lamp_per_frame() {
     for _ in 0..2 {
         let readiness = one_frame(&mut sliced);
         assert!(matches!(readiness, Readiness::Refining { .. }));
-        assert_eq!(sliced.work(), TEXELS);
+        assert_eq!(sliced.work(), work_of_lamp(&scene));
     }
     assert_eq!(one_frame(&mut sliced), Readiness::Ready);
     same_as_whole(&scene, &mut sliced);
@@ -317,7 +322,7 @@ fn every_depth_map_is_drawn_while_everything_moves() {
         lower_block(&mut scene);
         renderer.update(&scene).unwrap();
         one_frame(&mut renderer);
-        assert_eq!(renderer.work(), TEXELS);
+        assert_eq!(renderer.work(), work_of_lamp(&scene));
     }
     let after = of_lamps(&renderer);
     for (lamp, (before, after)) in before.iter().zip(&after).enumerate() {
@@ -330,7 +335,7 @@ fn every_depth_map_is_drawn_while_everything_moves() {
         renderer.update(&scene).unwrap();
         let readiness = one_frame(&mut renderer);
         assert!(matches!(readiness, Readiness::Refining { .. }));
-        assert_eq!(renderer.work(), TEXELS);
+        assert_eq!(renderer.work(), work_of_lamp(&scene));
     }
     assert!(depths(&gpu, &renderer) != old);
 }

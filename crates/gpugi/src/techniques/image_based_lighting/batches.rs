@@ -9,7 +9,7 @@ use crate::capture::depth::{
 };
 use crate::capture::{Gather, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Named, join};
-use crate::scene::{GpuScene, Versions};
+use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
 use crate::techniques::Slice;
 
@@ -213,10 +213,10 @@ impl Batches {
         &mut self,
         frame: &mut Frame<'_>,
         scene: &GpuScene,
-        directions: &[Direction],
-        views: &[DepthViewSpec],
+        (directions, views): (&[Direction], &[DepthViewSpec]),
         maps: &DepthMaps,
     ) -> Result<(), GpuError> {
+        let of = seen_by_maps(scene);
         let gpu = frame.gpu;
         let drawing = maps.drawing;
         let count = directions.len() as u32;
@@ -251,7 +251,7 @@ impl Batches {
         };
         made.drawing = drawing;
         made.known = directions.to_vec();
-        (made.turn, made.left) = (None, 0);
+        (made.turn, made.left) = (Some(of), 0);
         made.write(gpu, scene);
         if plan.is_kept {
             for batch in &mut made.batches {
@@ -261,19 +261,26 @@ impl Batches {
         Ok(())
     }
 
-    /// Whether there are maps of just these directions, whatever comes from there.
-    pub fn has_maps_toward(&self, directions: &[Direction]) -> bool {
+    /// Whether there are maps of just these directions, whatever comes from there, that the hardware rasterizer draws.
+    pub fn has_maps_toward(&self, scene: &GpuScene, directions: &[Direction]) -> bool {
         let toward = |directions: &[Direction]| {
             let toward = directions.iter().map(|direction| direction.toward);
             toward.collect::<Vec<_>>()
         };
+        let by_compute = |made: &DirectionMaps| {
+            let mut batches = made.batches.iter();
+            let is_drawn = |batch: &Batch| {
+                self.rasterizer
+                    .draws_by_compute(scene, &batch.atlas, made.drawing)
+            };
+            batches.any(is_drawn)
+        };
         let mut made = self.made.iter().filter(|made| made.plan.is_kept);
-        made.any(|made| toward(&made.known) == toward(directions))
+        made.any(|made| toward(&made.known) == toward(directions) && !by_compute(made))
     }
 
     /// As [`Batches::generate`], where [`Batches::has_maps_toward`] holds: draws no more maps than `budget` allows, those
-    /// first that were drawn longest ago; the others show the scene as it was then. `of`: the versions of the scene.
-    /// Returns the share of maps that show it as it is (0 to 1).
+    /// first that were drawn longest ago; the others show the scene as it was then. Returns the share of maps that show it as it is (0 to 1).
     ///
     /// # Errors
     /// [`GpuError`].
@@ -282,12 +289,12 @@ impl Batches {
         frame: &mut Frame<'_>,
         scene: &GpuScene,
         (directions, views): (&[Direction], &[DepthViewSpec]),
-        of: Versions,
         budget: &mut Slice,
     ) -> Result<f32, GpuError> {
         let (gpu, Some(made)) = (frame.gpu, &mut self.made) else {
             return Ok(1.0);
         };
+        let of = seen_by_maps(scene);
         if made.turn.replace(of) != Some(of) {
             made.left = made.count;
         }
@@ -420,6 +427,13 @@ impl Batches {
         }
         Ok(())
     }
+}
+
+/// The versions of what depth maps of the sky show.
+fn seen_by_maps(scene: &GpuScene) -> Versions {
+    scene
+        .versions
+        .of((Inputs::LIGHTS | Inputs::SKY | Inputs::ENVIRONMENT).without())
 }
 
 /// Work of drawing a map, in units of [`crate::lighting::Budget`].

@@ -431,9 +431,9 @@ impl Technique for ImageBasedLighting {
         }
         let (directions, views) = self.settings.directions(scene, domains);
         // What moves is followed map by map; another sky, at once.
-        if has_maps && self.rays.get().is_none() && batches.has_maps_toward(&directions) {
+        if has_maps && self.rays.get().is_none() && batches.has_maps_toward(scene, &directions) {
             let (lights, budget) = ((&directions[..], &views[..]), &mut earlier.budget);
-            let progress = batches.draw_some(frame, scene, lights, versions, budget)?;
+            let progress = batches.draw_some(frame, scene, lights, budget)?;
             if progress >= 1.0 {
                 self.maps.begin();
             }
@@ -446,7 +446,7 @@ impl Technique for ImageBasedLighting {
         }
         match self.rays.get_mut() {
             Some(rays) => rays.set(gpu, &directions)?,
-            None => batches.generate(frame, scene, &directions, &views, &maps)?,
+            None => batches.generate(frame, scene, (&directions, &views), &maps)?,
         }
         self.maps.begin();
         // Earlier maps were lit by meanwhile.

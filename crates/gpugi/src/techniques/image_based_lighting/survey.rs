@@ -185,7 +185,7 @@ impl Survey {
             memory: u64::MAX,
             ..*maps
         };
-        batches.generate(frame, scene, &directions, &views, &maps)?;
+        batches.generate(frame, scene, (&directions, &views), &maps)?;
 
         let storage = |label, count| gpu.room(label, 4 * count as u64);
         let arriving = storage(

@@ -302,7 +302,8 @@ impl Technique for ShadowMap {
                 pending = (!updated.is_whole).then_some("the depth maps of lights");
             } else {
                 shadows.generate(frame, scene, pass, list.clone(), of)?;
-                budget.count(shadows.texels());
+                let of_triangles = scene.casters().work() * u64::from(shadows.light_count());
+                budget.count(shadows.texels() + of_triangles);
                 self.progress = 1.0;
             }
             if self.progress >= 1.0 {
