@@ -79,7 +79,12 @@ fn what_moves_is_followed_map_by_map() {
     let [mut live, mut at_once] = [(), ()].map(|()| {
         let names = &["image-based-lighting"];
         let mut renderer = Renderer::new(&gpu, &scene, [16, 16], names).unwrap();
-        for (name, value) in [("samples", "16"), ("resolution", "32")] {
+        // What compute draws is drawn at once.
+        for (name, value) in [
+            ("samples", "16"),
+            ("resolution", "32"),
+            ("rasterizer", "hardware"),
+        ] {
             renderer.set("image-based-lighting", name, value).unwrap();
         }
         renderer.render_sample(&camera, 1, None, false).unwrap();
