@@ -400,11 +400,12 @@ impl Lighting {
 
     /// Lookups at each of a camera's points, of all techniques together.
     pub(crate) fn lookups(&self) -> u32 {
-        let of = |(technique, plan): (&Box<dyn Technique>, &Plan)| {
+        let all = self.techniques.iter().zip(&self.plans);
+        let lookups = all.map(|(technique, plan)| {
             let shared = technique.shared_lookups();
             plan.lookups.saturating_sub(shared) + shared / 4
-        };
-        self.techniques.iter().zip(&self.plans).map(of).sum()
+        });
+        lookups.sum()
     }
 
     /// Work of the last [`Lighting::prepare`], in units of [`Budget`].
