@@ -6,7 +6,8 @@ use super::{Output, Receiver, Slots, SurfacePoints};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, Shader};
 use crate::scene::GpuScene;
 
-/// A kernel with one invocation per point of a receiver that is lit. It binds the scene, the points (`seen`, `points`), their `hits`
+/// A kernel with one invocation per point of a receiver that is lit. It binds the scene, the points (`seen`, `points`),
+/// their `hits`
 /// and the target (`radiance`), as far as its shader declares them, and whatever else it is given by name. It is compiled
 /// for cameras and cubes; a general variant for all other receivers is compiled when one first needs it, or in advance if
 /// techniques of the scene's lighting will.

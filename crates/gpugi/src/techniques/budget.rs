@@ -12,8 +12,8 @@ use std::cell::Cell;
 /// Techniques work in steps and begin no further step once the frame's steps have used up the budget. The technique that
 /// has waited longest for a step takes one all the same, so a frame exceeds its budget by at most two steps; while the
 /// scene changes, by one at most in every third frame. A step is all depth maps of one light sample, the capture of one object's cube with its light, one frame of photons of one
-/// object, or less. So is one depth map of
-/// image-based lighting; those of another sky, and its domains, are not cut into steps.
+/// object, or less. So is one depth map of image-based lighting, where the hardware rasterizer draws it; those of another
+/// sky, and its domains, are not cut into steps.
 ///
 /// What shows soonest for its work comes first: depth maps, so that the shadow of a moving light does not wait for
 /// cubes; then caustics, which cubes show; then the cubes that mirrors show ([`crate::techniques::Technique::waiting`]); then what refines slowly, such

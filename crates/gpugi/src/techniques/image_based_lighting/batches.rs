@@ -280,7 +280,8 @@ impl Batches {
     }
 
     /// As [`Batches::generate`], where [`Batches::has_maps_toward`] holds: draws no more maps than `budget` allows, those
-    /// first that were drawn longest ago; the others show the scene as it was then. Returns the share of maps that show it as it is (0 to 1).
+    /// first that were drawn longest ago; the others show the scene as it was then. Returns the share of maps that show it
+    /// as it is (0 to 1).
     ///
     /// # Errors
     /// [`GpuError`].
