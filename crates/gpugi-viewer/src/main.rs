@@ -5,12 +5,15 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use anyhow::{Context, anyhow};
 use clap::Parser;
 use clap::error::ErrorKind;
 use eframe::egui;
-use eframe::egui_wgpu::{RenderState, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew};
+use eframe::egui_wgpu::{
+    RenderState, SurfaceErrorAction, WgpuConfiguration, WgpuSetup, WgpuSetupCreateNew,
+};
 use gpugi::gpu::{Gpu, instance_descriptor};
 use gpugi_arguments::parse_size;
 use gpugi_cli::output::{self, Format};
@@ -113,6 +116,7 @@ fn run_window(
         viewport,
         wgpu_options: WgpuConfiguration {
             wgpu_setup: WgpuSetup::CreateNew(setup(&arguments.common)),
+            on_surface_status: Arc::new(surface_status),
             ..Default::default()
         },
         ..Default::default()
@@ -128,6 +132,15 @@ fn run_window(
     let closed = eframe::run_native("gpugi", options, Box::new(create));
     closed.map_err(|error| anyhow!("{error}"))?;
     app.take().context("the window did not open")
+}
+
+/// What to do when the surface has no texture for a frame: as egui does, but a surface that another thread's work kept
+/// from being configured is configured again.
+fn surface_status(status: &wgpu::CurrentSurfaceTexture) -> SurfaceErrorAction {
+    match status {
+        wgpu::CurrentSurfaceTexture::Validation => SurfaceErrorAction::Reconfigure,
+        other => (WgpuConfiguration::default().on_surface_status)(other),
+    }
 }
 
 /// What a window shows, which outlives it.

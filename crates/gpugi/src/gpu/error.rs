@@ -64,9 +64,15 @@ pub enum GpuError {
 }
 
 impl GpuError {
-    /// From the API's `error`, whose text names the labels of the objects involved.
-    pub(super) fn uncaptured(error: &wgpu::Error) -> Self {
-        Self::in_pass("the GPU refused a command", error)
+    /// From the API's `error`, whose text names the labels of the objects involved. `None` for an error of a window's
+    /// surface, which the window learns from the surface's state and mends: wgpu refuses to configure a surface while
+    /// another thread submits work, as gpugi's threads do.
+    pub(super) fn uncaptured(error: &wgpu::Error) -> Option<Self> {
+        let of_surface = |description: &String| description.contains("In Surface::");
+        match error {
+            wgpu::Error::Validation { description, .. } if of_surface(description) => None,
+            _ => Some(Self::in_pass("the GPU refused a command", error)),
+        }
     }
 
     /// From the API's `error`, raised in `pass`.
@@ -80,5 +86,21 @@ impl GpuError {
                 reason: other.to_string(),
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::GpuError;
+
+    #[test]
+    fn a_surface_that_could_not_be_configured_is_no_fault() {
+        let refused = |call: &str| wgpu::Error::Validation {
+            source: Box::new(std::fmt::Error),
+            description: format!("Validation Error\n\nCaused by:\n  In {call}\n    Failed to wait"),
+        };
+        assert_eq!(GpuError::uncaptured(&refused("Surface::configure")), None);
+        let error = GpuError::uncaptured(&refused("Queue::submit"));
+        assert!(matches!(error, Some(GpuError::Pass { .. })));
     }
 }

@@ -140,8 +140,10 @@ impl Gpu {
         });
         let record = faults.clone();
         device.on_uncaptured_error(Arc::new(move |error| {
-            let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
-            faults.error.get_or_insert(GpuError::uncaptured(&error));
+            if let Some(error) = GpuError::uncaptured(&error) {
+                let mut faults = record.lock().unwrap_or_else(PoisonError::into_inner);
+                faults.error.get_or_insert(error);
+            }
         }));
         Self {
             uploads: Arc::new(Uploads::new(&device)),
