@@ -3,9 +3,9 @@
 use std::fmt::Display;
 
 use anyhow::Context;
-use glam::{DVec3, Mat4, Vec3};
+use glam::{DVec3, Mat4, Quat, Vec3};
 use gpugi::scene::Edit;
-use gpugi_scene::{MaterialModel, Scene};
+use gpugi_scene::{Environment, MaterialModel, Scene};
 
 use crate::{Usage, numbers};
 
@@ -42,7 +42,7 @@ fn parse(text: &str, scene: &Scene) -> anyhow::Result<Edit> {
     if kind == "environment" {
         let mut environment = scene.environment.clone().context("there is none")?;
         match rest {
-            "rotation" => environment.rotation = number(value)?.to_radians(),
+            "rotation" => environment.rotation = rotation(value)?,
             "intensity" => environment.intensity = at_least_zero(number(value)?)?,
             _ => anyhow::bail!(HELP),
         }
@@ -116,9 +116,8 @@ pub fn in_words(edit: &Edit, scene: &Scene) -> Vec<String> {
     match edit {
         Edit::Environment(after) => {
             let before = scene.environment.as_ref();
-            if before.is_some_and(|before| (before.rotation - after.rotation).abs() > ROUNDING) {
-                let degrees = after.rotation.to_degrees();
-                word("environment.rotation".into(), degrees.to_string());
+            if before.is_some_and(|before| angles(before) != angles(after)) {
+                word("environment.rotation".into(), angles(after));
             }
             if before.is_some_and(|before| before.intensity != after.intensity) {
                 word("environment.intensity".into(), after.intensity.to_string());
@@ -271,6 +270,24 @@ fn with_lobe(model: MaterialModel, name: &str) -> anyhow::Result<MaterialModel> 
     }
 }
 
+/// Degrees about +Y, or yaw, pitch and roll: [`Environment::angles`].
+fn rotation(text: &str) -> anyhow::Result<Quat> {
+    let degrees = match text.contains(',') {
+        true => numbers(text)?,
+        false => [number(text)?, 0.0, 0.0],
+    };
+    Ok(Environment::rotation_by(degrees.map(f32::to_radians)))
+}
+
+/// Its inverse, to a ten-thousandth of a degree.
+fn angles(environment: &Environment) -> String {
+    let rounded = |angle: f32| (angle.to_degrees() * 1e4).round() / 1e4 + 0.0;
+    match environment.angles().map(rounded) {
+        [yaw, 0.0, 0.0] => yaw.to_string(),
+        [yaw, pitch, roll] => format!("{yaw},{pitch},{roll}"),
+    }
+}
+
 fn number(text: &str) -> anyhow::Result<f32> {
     let [number] = numbers(text)?;
     Ok(number)
@@ -322,7 +339,8 @@ mod tests {
         scene.environment = Some(gpugi_scene::Environment::default_sky());
         let before = scene.clone();
         let mut environment = scene.environment.clone().unwrap();
-        (environment.intensity, environment.rotation) = (0.7, 0.5);
+        environment.intensity = 0.7;
+        environment.rotation = Environment::rotation_by([0.5, -1.2, 2.0]);
         let mut light = scene.lights[0].clone();
         light.intensity *= 0.3;
         light = light.aimed(Vec3::new(0.1, 2.0, 0.7), Vec3::ZERO);
@@ -374,6 +392,24 @@ mod tests {
             followed_by(&first, then),
             ["environment.rotation=3", "light.0.position=4,5,6"]
         );
+    }
+
+    #[test]
+    fn one_angle_turns_the_environment_about_the_vertical_and_three_turn_it_anyhow() {
+        let mut scene = builtin("room", 1).unwrap();
+        scene.environment = Some(Environment::default_sky());
+        let seen = |text: &str, d: Vec3| {
+            let mut scene = scene.clone();
+            let edit = edit_of(&format!("environment.rotation={text}"), &scene).unwrap();
+            let words = in_words(&edit, &scene);
+            edit.apply_to(&mut scene);
+            assert_eq!(words, [format!("environment.rotation={text}")]);
+            scene.environment.unwrap().rotation * d
+        };
+        // What was in the south comes to the east; what was above comes to the south, then to the east.
+        assert!(seen("90", Vec3::Z).distance(Vec3::X) < 1e-6);
+        assert!(seen("90,45,0", Vec3::Y).distance(Vec3::new(0.5, 0.5, 0.0).normalize()) < 1e-6);
+        assert!(seen("0,0,30", Vec3::X).distance(Vec3::new(0.75f32.sqrt(), 0.5, 0.0)) < 1e-6);
     }
 
     #[test]

@@ -108,7 +108,7 @@ const KINDS: [Kind; 5] = [
     }),
     ("turn the sky", |scene, number| {
         let sky = scene.environment.clone().map(|sky| Environment {
-            rotation: 0.1 * (number + 1) as f32,
+            rotation: glam::Quat::from_rotation_y(0.1 * (number + 1) as f32),
             ..sky
         });
         sky.map(Edit::Environment).into_iter().collect()

@@ -437,7 +437,11 @@ impl Feed for Environment {
             intensity,
         } = self;
         image.feed(hasher);
-        rotation.feed(hasher);
+        // Nearly all are turned about +Y: such a turn feeds its angle alone.
+        match rotation.x == 0.0 && rotation.z == 0.0 {
+            true => (2.0 * rotation.y.atan2(rotation.w)).feed(hasher),
+            false => plain(hasher, &rotation.to_array()),
+        }
         intensity.feed(hasher);
     }
 }

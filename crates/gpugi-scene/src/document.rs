@@ -161,7 +161,7 @@ mod tests {
         let mut bent = scene.meshes[1].as_ref().clone();
         bent.positions[0] *= 1.1;
         let mut sky = scene.environment.clone().unwrap();
-        sky.rotation = 1.0;
+        sky.rotation = glam::Quat::from_rotation_y(1.0);
         let mut media = scene.media.clone();
         media[0].extinction *= 2.0;
         let mut camera = scene.cameras[0].clone();

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{EulerRot, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::{Image, Pixels};
@@ -13,13 +13,24 @@ use crate::{Image, Pixels};
 pub struct Environment {
     /// Linear radiance.
     pub image: Arc<Image>,
-    /// Rotation about +Y (rad).
-    pub rotation: f32,
+    /// World space from the image's; a unit quaternion.
+    pub rotation: Quat,
     /// Factor applied to the radiance.
     pub intensity: f32,
 }
 
 impl Environment {
+    /// The rotation by yaw, pitch and roll (rad): rolled about +Z first, then pitched about +X, then turned about +Y.
+    pub fn rotation_by([yaw, pitch, roll]: [f32; 3]) -> Quat {
+        Quat::from_euler(EulerRot::YXZ, yaw, pitch, roll)
+    }
+
+    /// Yaw, pitch and roll (rad) of the rotation: the inverse of [`Environment::rotation_by`].
+    pub fn angles(&self) -> [f32; 3] {
+        let (yaw, pitch, roll) = self.rotation.to_euler(EulerRot::YXZ);
+        [yaw, pitch, roll]
+    }
+
     /// A clear sky with a low sun behind the viewer's left shoulder, and grey ground. Lights scenes that have no light
     /// of their own.
     pub fn default_sky() -> Self {
@@ -63,7 +74,7 @@ impl Environment {
                 height: HEIGHT,
                 pixels: Pixels::Rgba32Float(texels),
             }),
-            rotation: 0.0,
+            rotation: Quat::IDENTITY,
             intensity: 1.0,
         }
     }

@@ -152,7 +152,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if let Some((name, last)) = environments.last() {
-        let rotation = 100_f32.to_radians();
+        let rotation = glam::Quat::from_rotation_y(100_f32.to_radians());
         let turned = Environment {
             rotation,
             ..last.clone()

@@ -29,7 +29,7 @@ pub(super) fn build(detail: u32) -> Scene {
     }
     scene.environment = Some(Environment {
         image: square().into(),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     scene

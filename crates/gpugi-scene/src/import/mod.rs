@@ -96,7 +96,7 @@ impl Environment {
     pub fn from_file(name: &str, bytes: &[u8], limits: &Limits) -> Result<Self, ImportError> {
         Ok(Self {
             image: decode_radiance(name, bytes, limits)?.into(),
-            rotation: 0.0,
+            rotation: glam::Quat::IDENTITY,
             intensity: 1.0,
         })
     }

@@ -71,7 +71,7 @@ fn scene() -> Scene {
             pixels: Pixels::Rgba32Float(vec![0.5; 8]),
             ..image
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     scene
@@ -259,7 +259,9 @@ const MATTERS: &[Change] = &[
     ("sky texel", |s| {
         texels(s).pixels = Pixels::Rgba32Float(vec![0.6; 8])
     }),
-    ("sky rotation", |s| sky(s).rotation = 1.0),
+    ("sky rotation", |s| {
+        sky(s).rotation = glam::Quat::from_rotation_y(1.0)
+    }),
     ("sky intensity", |s| sky(s).intensity = 2.0),
     ("no sky", |s| s.environment = None),
 ];

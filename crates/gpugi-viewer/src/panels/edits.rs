@@ -3,9 +3,16 @@
 use eframe::egui::{CollapsingHeader, DragValue, Slider, SliderClamping, Ui};
 use glam::{Mat3, Mat4, Quat, Vec3};
 use gpugi::scene::Edit;
-use gpugi_scene::{Light, LightKind, Scene};
+use gpugi_scene::{Environment, Light, LightKind, Scene};
 
 use super::Action;
+
+/// The angles of [`Environment::angles`], and the largest of each (degrees).
+const ANGLES: [(&str, f32); 3] = [
+    ("turned by", 180.0),
+    ("pitched by", 90.0),
+    ("rolled by", 180.0),
+];
 
 /// Lights, environment, and the `selected` object.
 pub fn edits(ui: &mut Ui, scene: &Scene, selected: Option<usize>, actions: &mut Vec<Action>) {
@@ -13,20 +20,18 @@ pub fn edits(ui: &mut Ui, scene: &Scene, selected: Option<usize>, actions: &mut 
         if let Some(environment) = &scene.environment {
             ui.strong("environment");
             let mut environment = environment.clone();
-            let mut degrees = environment.rotation.to_degrees();
-            let mut changed = ui
-                .add(
-                    Slider::new(&mut degrees, -180.0..=180.0)
-                        .text("turned by")
-                        .suffix("°"),
-                )
-                .changed();
+            let mut degrees = environment.angles().map(f32::to_degrees);
+            let mut changed = false;
+            for (degrees, (name, most)) in degrees.iter_mut().zip(ANGLES) {
+                let slider = Slider::new(degrees, -most..=most).text(name).suffix("°");
+                changed |= ui.add(slider).changed();
+            }
             let intensity = Slider::new(&mut environment.intensity, 0.0..=10.0)
                 .clamping(SliderClamping::Edits)
                 .text("intensity");
             changed |= ui.add(intensity).changed();
             if changed {
-                environment.rotation = degrees.to_radians();
+                environment.rotation = Environment::rotation_by(degrees.map(f32::to_radians));
                 actions.push(Action::Edit(Edit::Environment(environment)));
             }
         }

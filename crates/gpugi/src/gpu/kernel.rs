@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::bindings::{BindGroups, Named, bind_all};
 use super::lazy::Lazy;
+use super::pipelines::Recipe;
 use super::shader::{BindingKind, Declared, Reflection, Shader, is_linked_name};
 use super::{Gpu, GpuError};
 
@@ -57,13 +58,7 @@ impl Interface {
                         count: None,
                     })
                     .collect();
-                (!entries.is_empty()).then(|| {
-                    gpu.device
-                        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                            label: Some(shader.name),
-                            entries: &entries,
-                        })
-                })
+                (!entries.is_empty()).then(|| gpu.layouts.get(&gpu.device, shader.name, entries))
             })
             .collect();
         let references: Vec<_> = layouts.iter().map(Option::as_ref).collect();
@@ -85,6 +80,22 @@ impl Interface {
             gpu: gpu.clone(),
         };
         Ok((interface, reflection))
+    }
+
+    /// What a pipeline of this interface is compiled from.
+    pub(super) fn recipe(
+        &self,
+        shader: &Shader,
+        constants: &[(String, f64)],
+        state: String,
+    ) -> Recipe {
+        let bits = |(name, value): &(String, f64)| (name.clone(), value.to_bits());
+        Recipe {
+            source: shader.source.clone(),
+            constants: constants.iter().map(bits).collect(),
+            layouts: self.layouts.clone(),
+            state,
+        }
     }
 
     pub(super) fn bind(
@@ -238,7 +249,9 @@ impl EntryPoint {
     fn compile(self: &Arc<Self>, gpu: &Gpu, interface: &Interface) -> Lazy<wgpu::ComputePipeline> {
         let (entry, layout) = (self.clone(), interface.pipeline_layout.clone());
         let of = gpu.clone();
-        Lazy::compile(gpu, move || {
+        let state = format!("{} unchecked: {}", self.label(), self.unchecked);
+        let recipe = interface.recipe(&self.shader, &self.constants, state);
+        Lazy::compile(gpu, &gpu.compute_pipelines, recipe, move || {
             let constants: Vec<_> = entry
                 .constants
                 .iter()
@@ -482,10 +495,5 @@ pub(crate) fn scene_layout(
             count: None,
         })
         .collect();
-    Ok(gpu
-        .device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("scene"),
-            entries: &entries,
-        }))
+    Ok(gpu.layouts.get(&gpu.device, "scene", entries))
 }

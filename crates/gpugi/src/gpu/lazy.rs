@@ -2,35 +2,46 @@
 
 use std::collections::VecDeque;
 use std::fmt::{self, Debug, Formatter};
-use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 #[cfg(not(target_arch = "wasm32"))]
 use super::AtWork;
 use super::Gpu;
+use super::pipelines::{Made, Pipelines, Recipe};
 
 /// A pipeline that compiles in the background: on another thread or, in a browser, by [`Gpu::is_compiling`]. The first use
 /// waits for it.
 #[derive(Debug, Clone)]
 pub(super) struct Lazy<P> {
-    made: Arc<OnceLock<P>>,
+    made: Made<P>,
     uncompiled: Option<Uncompiled>,
 }
 
-impl<P: Send + Sync + 'static> Lazy<P> {
-    pub fn compile(gpu: &Gpu, create: impl FnOnce() -> P + Send + 'static) -> Self {
-        let made = Arc::new(OnceLock::new());
-        let (job, compiling) = (made.clone(), gpu.compiling.clone());
-        compiling.fetch_add(1, Ordering::Relaxed);
+impl<P: Debug + Send + Sync + 'static> Lazy<P> {
+    /// The pipeline of `recipe`, which `create` compiles if `pipelines` do not hold it.
+    pub fn compile(
+        gpu: &Gpu,
+        pipelines: &Pipelines<P>,
+        recipe: Recipe,
+        create: impl FnOnce() -> P + Send + 'static,
+    ) -> Self {
+        let (made, is_new) = pipelines.get(&recipe, &gpu.compiling);
+        let lazy = Self {
+            made: made.clone(),
+            uncompiled: gpu.uncompiled.clone(),
+        };
+        if !is_new {
+            return lazy;
+        }
+        let pipelines = pipelines.clone();
         let work = move || {
             // What they hold of the device goes first.
-            let (job, create) = (job, create);
-            let is_wanted = Arc::strong_count(&job) > 1;
-            if is_wanted {
+            let (made, create) = (made, create);
+            if pipelines.is_wanted(&recipe, &made) {
                 // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the process.
-                let _ = job.set(create());
+                let _ = made.set(create());
+                pipelines.done(recipe, made);
             }
-            compiling.fetch_sub(1, Ordering::Relaxed);
         };
         if let Some(uncompiled) = &gpu.uncompiled {
             uncompiled.add(work);
@@ -44,10 +55,7 @@ impl<P: Send + Sync + 'static> Lazy<P> {
                 });
             }
         }
-        Self {
-            made,
-            uncompiled: gpu.uncompiled.clone(),
-        }
+        lazy
     }
 
     /// `name`: of the pipeline.

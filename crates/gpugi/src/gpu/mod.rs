@@ -10,6 +10,7 @@ mod error;
 mod frame;
 mod kernel;
 mod lazy;
+mod pipelines;
 mod quad;
 mod raster;
 mod read_back;
@@ -75,6 +76,9 @@ pub struct Gpu {
     /// Shaders that take the place of those with their names.
     replaced: Arc<Mutex<Vec<Shader>>>,
     reflections: Arc<shader::Reflections>,
+    layouts: Arc<pipelines::Layouts>,
+    compute_pipelines: pipelines::Pipelines<wgpu::ComputePipeline>,
+    render_pipelines: pipelines::Pipelines<wgpu::RenderPipeline>,
     uploads: Arc<Uploads>,
     bindings: Arc<bindings::BindingCache>,
 }
@@ -160,6 +164,9 @@ impl Gpu {
             allocations_left: Arc::new(AtomicU64::new(u64::MAX)),
             replaced: Arc::default(),
             reflections: Arc::default(),
+            layouts: Arc::default(),
+            compute_pipelines: Default::default(),
+            render_pipelines: Default::default(),
             bindings: Arc::default(),
         }
     }
@@ -347,6 +354,8 @@ impl Gpu {
     pub(crate) fn as_in_a_browser(&self) -> Self {
         Self {
             uncompiled: Some(lazy::Uncompiled::default()),
+            compute_pipelines: Default::default(),
+            render_pipelines: Default::default(),
             ..self.apart()
         }
     }

@@ -65,7 +65,8 @@ impl RasterKernel {
         let shader = gpu.current(shader);
         let (interface, reflection) = Interface::new(gpu, &shader, stages, scene)?;
         let constants = linked_constants(shader.name, &reflection.overridable, state.constants)?;
-        let pipeline = Lazy::compile(gpu, {
+        let recipe = interface.recipe(&shader, &constants, format!("{} {state:?}", shader.name));
+        let pipeline = Lazy::compile(gpu, &gpu.render_pipelines, recipe, {
             let (gpu, layout) = (gpu.clone(), interface.pipeline_layout.clone());
             let colors = state.colors.to_vec();
             let RasterState {

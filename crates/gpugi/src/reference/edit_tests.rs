@@ -112,7 +112,7 @@ fn edits_show_what_a_new_path_tracer_shows() {
         }),
         ("a sky that turns and fades", |scene| {
             let sky = scene.environment.as_mut().unwrap();
-            (sky.rotation, sky.intensity) = (1.3, 0.4);
+            (sky.rotation, sky.intensity) = (glam::Quat::from_rotation_y(1.3), 0.4);
         }),
     ];
     let camera = scene.cameras[0].clone();

@@ -151,7 +151,7 @@ fn sky() -> Environment {
             height: 12,
             pixels: Pixels::Rgba32Float(texels),
         }),
-        rotation: 0.7,
+        rotation: glam::Quat::from_rotation_y(0.7),
         intensity: 2.0,
     }
 }

@@ -32,7 +32,7 @@ fn sky(above: f32, below: f32) -> Environment {
             height: ROWS,
             pixels: Pixels::Rgba32Float(texels.collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

@@ -24,7 +24,7 @@ fn white() -> Environment {
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -252,7 +252,7 @@ fn pieces_that_never_wait_make_the_same_picture() {
         let mut count = 0;
         let progress = loop {
             count += 1;
-            let progress = pieces.try_render(camera, 3, 2000).unwrap();
+            let progress = pieces.try_render(camera, 3, 1000).unwrap();
             assert!((0.0..=1.0).contains(&progress.fraction));
             if progress.fraction == 1.0 {
                 break progress;
@@ -272,7 +272,7 @@ fn pieces_that_never_wait_make_the_same_picture() {
         assert_eq!(shown, expected, "{name}");
         // What was begun in pieces may be finished at once.
         pieces.restart(5).unwrap();
-        pieces.try_render(camera, 3, 2000).unwrap();
+        pieces.try_render(camera, 3, 1000).unwrap();
         let mut on = |_: &super::Progress| ControlFlow::Continue(());
         pieces.render(camera, 3, &mut on).unwrap();
         assert_eq!(pieces.radiance().unwrap(), expected, "{name}");

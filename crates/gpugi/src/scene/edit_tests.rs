@@ -35,7 +35,7 @@ fn sky(width: u32, radiance: f32) -> Environment {
             height: 1,
             pixels: Pixels::Rgba32Float((0..width).flat_map(texel).collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -168,10 +168,12 @@ fn an_edit_uploads_what_it_changes() {
             texture.uv_from_mesh.translation = Vec2::splat(0.5);
         });
         assert_eq!(bytes(&[shifted]), MATERIAL + TEXTURES);
-        let turned = environment(&scene, |sky| sky.rotation = 1.0);
+        let turned = environment(&scene, |sky| {
+            sky.rotation = glam::Quat::from_rotation_y(1.0)
+        });
         assert_eq!(bytes(&[turned]), HEADER);
         let image = Edit::Environment(Environment {
-            rotation: 1.0,
+            rotation: glam::Quat::from_rotation_y(1.0),
             ..sky(8, 1.0)
         });
         assert_eq!(bytes(&[image]), 8 * 8, "half floats of its eight texels");
@@ -307,7 +309,9 @@ fn every_edit(scene: &Scene) -> Vec<(&'static str, Vec<Edit>)> {
         ),
         (
             "sky turned",
-            one(environment(scene, |sky| sky.rotation = 2.0)),
+            one(environment(scene, |sky| {
+                sky.rotation = glam::Quat::from_rotation_y(2.0)
+            })),
         ),
         (
             "sky dimmed",
@@ -438,7 +442,9 @@ fn maps_stay_that_depend_on_nothing_that_changed() {
     };
     let all = passes(&mut renderer, &[]);
     let kept = atlas(&renderer);
-    let turned = environment(&scene, |sky| sky.rotation = 1.0);
+    let turned = environment(&scene, |sky| {
+        sky.rotation = glam::Quat::from_rotation_y(1.0)
+    });
     let turned = passes(&mut renderer, &[turned]);
     let lit = light(&scene, |light| light.world_from_light.w_axis.x = 0.7);
     let lit = passes(&mut renderer, &[lit]);

@@ -10,12 +10,12 @@ pub(crate) fn check_environment(environment: Option<&Environment>) -> Result<(),
         return Ok(());
     };
     let (intensity, rotation) = (environment.intensity, environment.rotation);
-    if intensity.is_finite() && intensity >= 0.0 && rotation.is_finite() {
+    if intensity.is_finite() && intensity >= 0.0 && rotation.is_normalized() {
         return Ok(());
     }
     Err(GpuError::Input {
         what: format!(
-            "the environment's intensity {intensity} must be a finite number of at least 0, its rotation {rotation} a finite angle"
+            "the environment's intensity {intensity} must be a finite number of at least 0, its rotation {rotation} a unit quaternion"
         ),
     })
 }

@@ -10,14 +10,14 @@ pub struct SceneHeader {
     pub material_row: u32,
     pub texture_row: u32,
     pub instance_count: u32,
-    pub environment_rotation: [f32; 2],
+    pub environment_rotation: [f32; 4],
     pub environment_intensity: f32,
     pub diagonal: f32,
     pub bvh_start: [u32; 2],
     pub medium_row: u32,
     pub medium_count: u32,
     pub longest: f32,
-    pub padding: [u32; 3],
+    pub padding: u32,
 }
 
 /// `Instance` of scene/tables.wesl.

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use glam::Quat;
 use gpugi_scene::bvh::NODE_ROWS;
 use gpugi_scene::{AlphaMode, Environment, Instance, Material, Scene, core_of};
 
@@ -361,9 +362,9 @@ impl gpu::SceneHeader {
 
     /// The same with another environment, whose texels are in units of `scale`.
     pub(super) fn with_environment(self, environment: Option<&Environment>, scale: f32) -> Self {
-        let rotation = environment.map_or(0.0, |environment| environment.rotation);
+        let rotation = environment.map_or(Quat::IDENTITY, |environment| environment.rotation);
         Self {
-            environment_rotation: [rotation.cos(), rotation.sin()],
+            environment_rotation: rotation.to_array(),
             environment_intensity: environment
                 .map_or(0.0, |environment| environment.intensity * scale),
             ..self

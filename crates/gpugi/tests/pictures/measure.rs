@@ -46,7 +46,7 @@ fn scene() -> Scene {
             height: 2,
             pixels: Pixels::Rgba32Float([0.2, 0.3, 0.4, 1.0].repeat(8)),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     scene.cameras.push(from_above(3.0, 4.0));

@@ -160,7 +160,7 @@ fn probes_under_an_even_sky() {
             pixels: Pixels::Rgba32Float(texel.repeat(32 * 16)),
         }
         .into(),
-        rotation: 0.4,
+        rotation: glam::Quat::from_rotation_y(0.4),
         intensity: 1.0,
     });
     let probe = Probe {

@@ -269,7 +269,7 @@ fn bright_suns_keep_their_light() {
             height: SIDES[1],
             pixels: Pixels::Rgba32Float(texels),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     let angle = |row: u32| std::f64::consts::PI * f64::from(row) / f64::from(SIDES[1]);

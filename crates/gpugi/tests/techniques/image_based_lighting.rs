@@ -30,7 +30,7 @@ fn environment(texel: impl Fn(usize, usize) -> f32) -> Environment {
                     .collect(),
             ),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -91,7 +91,7 @@ fn shadow_of_a_post(gpu: &gpugi::gpu::Gpu, rotation: f32) -> Vec3 {
     );
     // Due +X, 45 degrees high.
     let mut sky = environment(|x, y| if (x, y) == (48, 8) { 1000.0 } else { 0.0 });
-    sky.rotation = rotation;
+    sky.rotation = glam::Quat::from_rotation_y(rotation);
     let settings = [
         "image-based-lighting.samples=16",
         "image-based-lighting.resolution=1024",

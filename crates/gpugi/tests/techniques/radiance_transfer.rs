@@ -37,7 +37,7 @@ fn sky(radiance: impl Fn(Vec3) -> Vec3) -> Environment {
             height,
             pixels: Pixels::Rgba32Float((0..width * height).flat_map(texel).collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -49,7 +49,7 @@ fn smooth_sky() -> Environment {
         vec3(0.3, 0.4, 0.6) * (1.2 + d.y) + vec3(4.0, 3.5, 2.5) * sun
     };
     Environment {
-        rotation: 0.7,
+        rotation: glam::Quat::from_rotation_y(0.7),
         ..sky(radiance)
     }
 }
@@ -387,7 +387,7 @@ fn sheet_and_ball() -> Scene {
     };
     place(&mut scene, sheet, leaf);
     let sky = scene.environment.as_mut().expect("a sky");
-    sky.rotation = 2.5;
+    sky.rotation = glam::Quat::from_rotation_y(2.5);
     scene
 }
 

@@ -152,7 +152,7 @@ fn a_white_furnace_stays_white() {
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 8]),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     let camera = Camera::look_at("", Vec3::Z * 2.0, Vec3::ZERO, 0.8);
@@ -213,7 +213,7 @@ fn rays_can_see_the_environment_alone() {
             height: 4,
             pixels: Pixels::Rgba32Float(texels.collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     let camera = Camera::look_at("", vec3(0.0, 0.4, 2.2), Vec3::ZERO, 0.9);

@@ -72,7 +72,7 @@ fn sky(radiance: Vec3) -> Environment {
             height: 32,
             pixels: Pixels::Rgba32Float(texel.repeat(64 * 32)),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

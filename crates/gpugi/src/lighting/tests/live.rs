@@ -29,7 +29,7 @@ fn disturb(scene: &mut Scene) {
     let ball = &mut scene.instances[1].world_from_mesh;
     *ball = step * *ball;
     let sky = scene.environment.as_mut().unwrap();
-    sky.rotation += 0.1;
+    sky.rotation *= glam::Quat::from_rotation_y(0.1);
     if let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut sky.image).pixels {
         texels.iter_mut().for_each(|value| *value *= 1.01);
     }

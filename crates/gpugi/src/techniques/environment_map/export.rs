@@ -98,7 +98,7 @@ pub fn bake(gpu: &Gpu, image: &Arc<Image>, settings: &Settings) -> Result<Baked,
     let mut scene = Scene::new(&image.name);
     scene.environment = Some(Environment {
         image: image.clone(),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     let scene = GpuScene::new(gpu, &scene)?;

@@ -33,7 +33,7 @@ fn environment(width: usize, height: usize, texel: impl Fn(usize, usize) -> f32)
                     .collect(),
             ),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -534,7 +534,7 @@ fn maps_are_made_anew_only_for_another_image_or_setting() {
     assert_eq!(passes(&mut technique, &scene), 1);
     assert_eq!(passes(&mut technique, &scene), 0);
     let mut turned = before.clone();
-    turned.environment.as_mut().unwrap().rotation = 1.0;
+    turned.environment.as_mut().unwrap().rotation = glam::Quat::from_rotation_y(1.0);
     turned.environment.as_mut().unwrap().intensity = 2.0;
     scene.update(&gpu, &turned).unwrap();
     assert_eq!(passes(&mut technique, &scene), 0);

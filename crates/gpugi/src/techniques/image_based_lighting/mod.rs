@@ -22,7 +22,7 @@ use std::collections::VecDeque;
 use batches::{Batches, DepthMaps, GUTTER};
 pub use domains::{Decomposition, Domain, DomainsOnTheWay};
 use draws::{CellsOfSky, CellsOnTheWay};
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use ratio::RatioPass;
 use rays::{RayGather, Variant};
 use survey::Survey;
@@ -202,7 +202,7 @@ impl Settings {
         let Some(environment) = &scene.environment else {
             return Default::default();
         };
-        let world_from_map = Mat3::from_rotation_y(environment.rotation);
+        let world_from_map = environment.rotation;
         let lit = domains.iter().filter_map(|domain| {
             let flux_density = domain.flux_density * scene.environment_factor();
             let toward = world_from_map * domain.toward;

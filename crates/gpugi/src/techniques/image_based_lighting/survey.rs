@@ -3,7 +3,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{Mat3, Vec3};
+use glam::{Quat, Vec3};
 
 use super::batches::{self, Batches, DepthMaps, GUTTER};
 use super::draws::{CellsOfSky, Draws};
@@ -163,8 +163,7 @@ impl Survey {
         capture.record(frame, scene, &view, |draw| draw.seen)?;
 
         let environment = scene.environment.as_ref();
-        let rotation = environment.map_or(0.0, |environment| environment.rotation);
-        let world_from_map = Mat3::from_rotation_y(rotation);
+        let world_from_map = environment.map_or(Quat::IDENTITY, |environment| environment.rotation);
         let light = self.parts.light(cells);
         let directions = self.parts.toward.iter().zip(light);
         let (directions, views): (Vec<_>, Vec<_>) = directions

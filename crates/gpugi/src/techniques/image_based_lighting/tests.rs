@@ -36,7 +36,7 @@ fn sky([width, height]: [u32; 2], texel: impl Fn(u32, u32) -> Vec3) -> Scene {
             height,
             pixels: Pixels::Rgba32Float(texels.collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     });
     scene
@@ -368,7 +368,7 @@ fn a_turned_sky_keeps_its_domains() {
     let before = sunny([64, 32]);
     let mut after = before.clone();
     if let Some(environment) = &mut after.environment {
-        environment.rotation = 0.02;
+        environment.rotation = glam::Quat::from_rotation_y(0.02);
         environment.intensity = 3.0;
     }
     let mut scene = GpuScene::new(&gpu, &before).unwrap();

@@ -38,7 +38,7 @@ fn white() -> Environment {
             height: 2,
             pixels: Pixels::Rgba32Float(vec![1.0; 32]),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

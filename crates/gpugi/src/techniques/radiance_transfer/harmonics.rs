@@ -1,9 +1,12 @@
 //! Spherical harmonics: rays that find transfer vectors, and the light's coefficients.
 
+use glam::Quat;
+
 use super::Settings;
 use super::gpu::{LANES, MOST_FUNCTIONS};
 use super::light::ProjectedLight;
 use super::places::Places;
+use super::rotation::matrices;
 use super::transfer::Tile;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::GpuScene;
@@ -130,8 +133,16 @@ impl Projection {
         light: &wgpu::Buffer,
         made: ProjectedLight,
     ) -> Result<(), GpuError> {
-        let resources: [Named<'_>; 3] = [
+        let rotation = scene.environment.as_ref();
+        let rotation = rotation.map_or(Quat::IDENTITY, |environment| environment.rotation);
+        let order = self.functions.isqrt();
+        let rotation = matrices(rotation, order);
+        let rotation = frame
+            .gpu
+            .storage("rotation of harmonics [bytes]", &rotation)?;
+        let resources: [Named<'_>; 4] = [
             ("environment", &self.environment),
+            ("rotation", &rotation),
             ("directionals", directionals),
             ("light", light),
         ];

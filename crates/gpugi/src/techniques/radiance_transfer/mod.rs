@@ -14,6 +14,7 @@ mod harmonics;
 mod light;
 mod places;
 mod principal;
+mod rotation;
 mod settings;
 mod stored;
 #[cfg(test)]

@@ -40,7 +40,7 @@ fn sky(width: u32, rolled: u32, radiance: impl Fn(Vec3) -> Vec3) -> Environment 
             height,
             pixels: Pixels::Rgba32Float((0..width * height).flat_map(texel).collect()),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }
@@ -334,7 +334,7 @@ fn turned_coefficients_are_those_of_the_turned_environment() {
     let plane = quad(vec3(-1.0, 0.0, 1.0), Vec3::X * 2.0, Vec3::NEG_Z * 2.0, 1);
     let light = |rolled: u32, rotation: f32, intensity: f32| {
         let environment = Environment {
-            rotation,
+            rotation: glam::Quat::from_rotation_y(rotation),
             intensity,
             ..sky(128, rolled, colors)
         };
@@ -383,7 +383,7 @@ fn other_light_lights_the_same_vectors() {
     let vectors = solver.vectors();
     let before = solver.texels();
     let mut turned = corner();
-    turned.environment.as_mut().unwrap().rotation = 1.0;
+    turned.environment.as_mut().unwrap().rotation = glam::Quat::from_rotation_y(1.0);
     let edit = Edit::Environment(turned.environment.clone().unwrap());
     solver.scene.edit(&gpu, &[edit]).unwrap();
     let generated = solver.frame();

@@ -162,7 +162,7 @@ fn scaled(scene: &Scene, scale: f32) -> Option<Changed> {
 fn turned(scene: &Scene, angle: f32) -> Option<Changed> {
     let mut changed = carried(scene, Mat4::from_rotation_y(angle), Mat4::IDENTITY);
     if let Some(environment) = &mut changed.scene.environment {
-        environment.rotation += angle;
+        environment.rotation = glam::Quat::from_rotation_y(angle) * environment.rotation;
     }
     Some(changed)
 }
@@ -179,7 +179,7 @@ fn mirrored(scene: &Scene) -> Option<Changed> {
 
 /// An environment that is not rotated, with -X in the place of +X.
 fn reflected(environment: &Environment) -> Environment {
-    assert_eq!(environment.rotation, 0.0);
+    assert_eq!(environment.rotation, glam::Quat::IDENTITY);
     let Pixels::Rgba32Float(texels) = &environment.image.pixels else {
         panic!("texels of another type");
     };

@@ -91,7 +91,7 @@ fn what_is_not_finite_is_refused() {
         }),
         ("environment", |scene, value| {
             if let Some(sky) = &mut scene.environment {
-                sky.rotation = value;
+                sky.rotation.x = value;
             }
         }),
         ("reflects", |scene, value| {

@@ -178,7 +178,7 @@ fn environment(width: u32, texels: &[Vec3]) -> Environment {
                     .collect(),
             ),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

@@ -25,7 +25,7 @@ fn sky(radiance: f32) -> Environment {
             height: 1,
             pixels: Pixels::Rgba32Float(vec![radiance; 4]),
         }),
-        rotation: 0.0,
+        rotation: Quat::IDENTITY,
         intensity: 1.0,
     }
 }

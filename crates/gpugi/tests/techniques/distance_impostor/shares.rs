@@ -25,7 +25,7 @@ fn white() -> Environment {
             height: 1,
             pixels: Pixels::Rgba32Float(vec![1.0; 4]),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

@@ -40,7 +40,7 @@ fn sky() -> Environment {
             height: HEIGHT as u32,
             pixels: Pixels::Rgba32Float((0..WIDTH * HEIGHT).flat_map(texel).collect()),
         }),
-        rotation: 0.7,
+        rotation: glam::Quat::from_rotation_y(0.7),
         intensity: 1.5,
     }
 }
@@ -181,10 +181,10 @@ fn turning_the_environment_is_turning_its_image() {
     let Some(gpu) = gpu() else { return };
     for material in [metal(0.0), metal(0.4), plastic(0.6)] {
         let mut turned = sky();
-        turned.rotation = FRAC_PI_2;
+        turned.rotation = glam::Quat::from_rotation_y(FRAC_PI_2);
         // About +Y from +X to -Z: what was at u moves back by a quarter of the width.
         let mut rolled = sky();
-        rolled.rotation = 0.0;
+        rolled.rotation = glam::Quat::IDENTITY;
         let Pixels::Rgba32Float(texels) = &mut Arc::make_mut(&mut rolled.image).pixels else {
             panic!("radiance")
         };

@@ -30,7 +30,7 @@ fn even_sky(radiance: f32) -> Environment {
             height: 2,
             pixels: Pixels::Rgba32Float(pixels),
         }),
-        rotation: 0.0,
+        rotation: glam::Quat::IDENTITY,
         intensity: 1.0,
     }
 }

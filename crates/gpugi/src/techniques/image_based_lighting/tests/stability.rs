@@ -57,7 +57,8 @@ fn frames(gpu: &Gpu, sky: &Scene, turn: Turn, settings: &Settings) -> Vec<Seen> 
         let environment = after.environment.as_mut().unwrap();
         if turn == Turn::Rotation {
             // Eastward means from -Z to +X, against a rotation about +Y.
-            environment.rotation = -TAU * frame as f32 / COLUMNS as f32;
+            let angle = -TAU * frame as f32 / COLUMNS as f32;
+            environment.rotation = glam::Quat::from_rotation_y(angle);
         }
         scene.update(gpu, &after).unwrap();
         if turn == Turn::Cold {

@@ -33,7 +33,7 @@ fn compressed_vectors_light_as_they_did() {
     let mut one = solved(&gpu, &scene, &[("bounces", "2"), ("components", "1")]);
     for rotation in [0.0, 2.0] {
         let environment = scene.environment.as_mut().unwrap();
-        environment.rotation = rotation;
+        environment.rotation = glam::Quat::from_rotation_y(rotation);
         let edit = Edit::Environment(environment.clone());
         for solver in [&mut whole, &mut small, &mut one] {
             solver

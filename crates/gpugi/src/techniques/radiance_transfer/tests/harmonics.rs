@@ -1,9 +1,10 @@
 //! The functions themselves.
 
-use glam::{Vec3, Vec3Swizzles};
+use glam::{Quat, Vec3, Vec3Swizzles};
 
 use crate::gpu::Gpu;
 use crate::shader;
+use crate::techniques::radiance_transfer::rotation::matrices;
 use crate::testing::{Random, run_kernel, test_gpu};
 
 /// Functions of order 8, and those of an irradiance.
@@ -86,5 +87,47 @@ fn functions_are_orthonormal_and_begin_with_those_of_an_irradiance() {
                 .clone()
                 .all(|(value, other)| (value - other).abs() < 1e-6)
         );
+    }
+}
+
+/// A light of all functions, turned about a crooked axis, has in each direction what it had in the direction turned back.
+#[test]
+fn matrices_turn_functions_about_any_axis() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut random = Random(5);
+    let axis = random.direction();
+    for rotation in [
+        Quat::from_axis_angle(axis, 2.2),
+        Quat::from_rotation_y(-0.7),
+        Quat::from_rotation_x(std::f32::consts::FRAC_PI_2),
+    ] {
+        let light: Vec<f32> = (0..64).map(|_| random.next() as f32 - 0.5).collect();
+        let matrices = matrices(rotation, 8);
+        let mut first = 0;
+        let mut turned = Vec::new();
+        for l in 0..8 {
+            let side = 2 * l + 1;
+            let rows = matrices[first..first + side * side].chunks(side);
+            let band = &light[l * l..(l + 1) * (l + 1)];
+            turned.extend(rows.map(|row| row.iter().zip(band).map(|(r, l)| r * l).sum::<f32>()));
+            first += side * side;
+        }
+        assert_eq!(first, matrices.len());
+        let world: Vec<Vec3> = (0..64).map(|_| random.direction()).collect();
+        let before: Vec<Vec3> = world.iter().map(|&d| rotation.inverse() * d).collect();
+        // `functions` of coefficients.wesl.
+        let [after, before] = [world, before].map(|directions| {
+            at(
+                &gpu,
+                &directions.iter().map(|d| d.zxy()).collect::<Vec<_>>(),
+            )
+        });
+        let sum = |values: &[f32], light: &[f32]| -> f32 {
+            values.iter().zip(light).map(|(y, l)| y * l).sum()
+        };
+        for (after, before) in after.chunks(ALL).zip(before.chunks(ALL)) {
+            let [found, expected] = [sum(after, &turned), sum(before, &light)];
+            assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+        }
     }
 }

@@ -110,7 +110,7 @@ fn turned_environments_are_projected_anew() {
     // u grows as the angle about +Y falls.
     let rotation = -std::f32::consts::TAU * 21.0 / 128.0;
     let turned = Environment {
-        rotation,
+        rotation: glam::Quat::from_rotation_y(rotation),
         ..sky(128, 0, colors)
     };
     solver
