@@ -278,8 +278,7 @@ impl Game {
 
 /// Pushes a ball out of a body (feet, radius, height) that goes along the ground at `velocity` (m/s).
 fn kick(ball: &mut Ball, (feet, radius, height): (Vec3, f32, f32), velocity: Vec2) {
-    let [low, high] = [feet.y + radius.min(height), feet.y + height];
-    let axis = feet.with_y(ball.center.y.clamp(low, high));
+    let axis = feet.with_y(ball.center.y.clamp(feet.y, feet.y + height));
     let away = ball.center - axis;
     let depth = radius + ball.radius - away.length();
     let Some(normal) = away.with_y(0.0).try_normalize().filter(|_| depth > 0.0) else {

@@ -71,6 +71,7 @@ impl Player {
             unit,
         };
         player.go(solid, Vec3::ZERO);
+        player.fall(solid, 0.0);
         player.first = player.feet;
         Some(player)
     }
@@ -194,7 +195,8 @@ impl Player {
             Some(_) => STEP * unit,
             None => 0.0,
         };
-        let down = Vec3::NEG_Y * (KNEES * unit + reach.max(-rise));
+        // A hair longer: what ends on the ground may miss it.
+        let down = Vec3::NEG_Y * (1.001 * KNEES * unit + reach.max(-rise));
         let around = [Vec2::ZERO, Vec2::X, Vec2::NEG_X, Vec2::Y, Vec2::NEG_Y];
         let below = around.iter().filter_map(|aside| {
             let aside = *aside * (FEET * unit);
