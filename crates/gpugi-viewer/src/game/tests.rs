@@ -156,7 +156,7 @@ fn steps_are_climbed_unless_they_are_too_high() {
 #[test]
 fn who_jumps_and_falls_lands() {
     let table = block([-2.0, 0.0, -2.0], [2.0, 1.5, 2.0]);
-    let lamp = block([3.0, 2.2, -9.0], [5.0, 2.3, 9.0]);
+    let lamp = block([3.5, 2.2, -9.0], [5.0, 2.3, 9.0]);
     let mut world = World::new(scene_of([floor(), table, lamp]), Vec2::ZERO);
     assert_near(world.feet().y, 1.5, 1e-3);
     let jump = |world: &mut World| {
