@@ -156,6 +156,8 @@ pub struct Session {
     picture_took: Option<f32>,
     /// Whether the next click focuses the lens.
     pub is_focusing: bool,
+    /// Whether who walks and what was thrown stand still, as an animation does that is paused.
+    pub is_game_paused: bool,
     /// What somebody who walks wants.
     pub intent: Intent,
     /// What balls are made of.
@@ -218,6 +220,7 @@ impl Session {
             unchanged: 0.0,
             picture_took: Some(0.0),
             is_focusing: false,
+            is_game_paused: false,
             intent: Intent::default(),
             finish: Finish::default(),
             game: None,
@@ -454,13 +457,15 @@ impl Session {
             self.pace.measure(took, work, purpose);
         }
         if !self.is_held {
-            let is_driven = self.drive(seconds.min(LONGEST_STEERED));
+            let is_driven = !self.is_game_paused && self.drive(seconds.min(LONGEST_STEERED));
             if self.clock.is_playing {
                 self.pose(self.clock.seconds + seconds.min(LONGEST_FRAME))?;
             } else if is_driven {
                 self.pose(self.clock.seconds)?;
             }
-            self.live(seconds.min(LONGEST_STEERED))?;
+            if !self.is_game_paused {
+                self.live(seconds.min(LONGEST_STEERED))?;
+            }
         }
         let is_steered = !self.is_held && self.camera.advance(seconds.min(LONGEST_STEERED));
         let is_moving = is_steered | self.is_edited;
