@@ -47,8 +47,8 @@ impl Scene {
         }
     }
 
-    /// As [`Scene::posed`], with a rig beside the scene.
-    pub(crate) fn posed_by(&self, rig: &Rig, time_seconds: f32) -> Vec<Edit> {
+    /// As [`Scene::posed`], with a rig beside the scene, whose nodes and deformers are those of the scene's own.
+    pub fn posed_by(&self, rig: &Rig, time_seconds: f32) -> Vec<Edit> {
         let pose = rig.pose(time_seconds);
         let world_from_file = DMat4::from_translation(-self.origin);
         let file_from_node = |node: Option<usize>| pose.file_from_node.get(node?).copied();

@@ -27,6 +27,7 @@ use crate::viewer::{Start, Viewer};
 mod address;
 #[cfg(not(target_arch = "wasm32"))]
 mod shaders;
+mod walking;
 
 /// The viewer's window, or page.
 pub struct App {
@@ -36,6 +37,7 @@ pub struct App {
     texture: Option<(egui::TextureId, wgpu::TextureView)>,
     selected: Option<Selected>,
     maps: Maps,
+    hands: walking::Hands,
     /// What was dropped on a page, which is being read.
     dropped: Option<Task<Result<Files, String>>>,
     saving: Option<Saving>,
@@ -66,26 +68,29 @@ impl App {
     /// A window on the device of `render_state`, in which a scene is being opened.
     pub fn new(context: &egui::Context, render_state: &RenderState, start: Start) -> Self {
         let gpu = gpu_of(render_state);
+        let for_hands = context.clone();
         let context = context.clone();
         let viewer = Viewer::new(&gpu, start, move || context.request_repaint());
-        Self::of(viewer, gpu, render_state)
+        let hands = walking::Hands::new(&for_hands);
+        Self::of(viewer, gpu, hands, render_state)
     }
 
     /// Another window, on another device, that shows what this one showed before its own was lost.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn renewed(mut self, context: &egui::Context, render_state: &RenderState) -> Self {
         let gpu = gpu_of(render_state);
+        let hands = walking::Hands::new(context);
         let context = context.clone();
         self.viewer.renew(&gpu, move || context.request_repaint());
         let lost = self.gpu.check_lost();
-        let mut app = Self::of(self.viewer, gpu, render_state);
+        let mut app = Self::of(self.viewer, gpu, hands, render_state);
         if let Err(lost) = lost {
             app.complain(lost.to_string());
         }
         app
     }
 
-    fn of(viewer: Viewer, gpu: Gpu, render_state: &RenderState) -> Self {
+    fn of(viewer: Viewer, gpu: Gpu, hands: walking::Hands, render_state: &RenderState) -> Self {
         Self {
             viewer,
             gpu,
@@ -93,6 +98,7 @@ impl App {
             texture: None,
             selected: None,
             maps: Maps::default(),
+            hands,
             dropped: None,
             saving: None,
             recording: None,
@@ -191,6 +197,19 @@ impl App {
             Action::Edit(edit) => session.edit(&edit)?,
             Action::Pose(seconds) => session.pose(seconds)?,
             Action::Camera(index) => session.stand_at(index),
+            Action::Walk(false) => session.fly(),
+            Action::Walk(true) => {
+                if let Err(reason) = session.walk(None) {
+                    self.complain(reason);
+                }
+            }
+            Action::Throw => {
+                if let Err(reason) = self.viewer.throw() {
+                    self.complain(reason);
+                }
+            }
+            Action::Polish(finish) => self.viewer.polish(finish),
+            Action::Complain(reason) => self.complain(reason),
             Action::LoseDevice => self.viewer.lose_device(),
             Action::CopyCommand => {
                 let command = command(session, session.loaded().renderer.size());
@@ -369,7 +388,16 @@ impl App {
         let Some(session) = self.viewer.session() else {
             return;
         };
-        steer(ui, &response, session, seconds);
+        self.hands.steer(session, seconds);
+        if session.eye_height().is_some() {
+            self.hands.walk(ui, &response, session);
+        } else {
+            self.hands.release(ui);
+            steer(ui, &response, session, seconds);
+        }
+        if !self.hands.has_mouse() {
+            click(ui, &response, session);
+        }
         let pixels = (rect.size() * ui.ctx().pixels_per_point()).round();
         let window = [pixels.x, pixels.y].map(|side| (side as u32).max(1));
         self.frame(ui.ctx(), window);
@@ -476,6 +504,7 @@ impl App {
             });
             self.maps.windows(context, session);
             keys(ui, session, &mut actions);
+            self.hands.ask(ui, session, &mut actions);
         }
         for action in actions {
             if let Err(error) = self.act(context, action) {
@@ -529,6 +558,9 @@ fn keys(ui: &Ui, session: &mut Session, actions: &mut Vec<Action>) {
     }
     if is_pressed(Key::F12) && cfg!(all(debug_assertions, not(target_arch = "wasm32"))) {
         actions.push(Action::LoseDevice);
+    }
+    if is_pressed(Key::R) {
+        session.reset_camera();
     }
     if is_pressed(Key::T) && !session.loaded().set.is_path_tracer() {
         session.compared = match session.compared {
@@ -596,13 +628,14 @@ fn steer(ui: &Ui, response: &egui::Response, session: &mut Session, seconds: f32
             let speed = if shift { 4.0 } else { 1.0 };
             camera.fly(way * speed, seconds.min(0.1));
         }
-        if ui.input(|input| input.key_pressed(Key::R)) {
-            session.reset_camera();
-        }
         if ui.input(|input| input.key_pressed(Key::Space)) {
             session.clock.is_playing = !session.clock.is_playing;
         }
     }
+}
+
+/// What a click picks.
+fn click(ui: &Ui, response: &egui::Response, session: &mut Session) {
     if let Some(at) = response.interact_pointer_pos() {
         let place = (at - response.rect.min) / response.rect.size();
         if response.double_clicked() {

@@ -13,7 +13,7 @@ use percent_encoding::percent_decode_str;
 use serde_json::Value;
 
 use crate::technique_set::{PATH_TRACER, TechniqueSet};
-use crate::viewer::{Look, Start};
+use crate::viewer::{Look, Start, Walks};
 
 /// Name of the scene in an address or a view file. Everything else has the name of its option.
 pub(crate) const SCENE: &str = "scene";
@@ -47,6 +47,16 @@ pub struct ViewArguments {
     /// Run the scene's animation from the beginning
     #[arg(long)]
     play: bool,
+    /// Walk, with the eye so many metres above the ground (default: what suits the scene)
+    #[arg(
+        long,
+        value_name = "HEIGHT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "",
+        value_parser = parse_walks
+    )]
+    walk: Option<Walks>,
 }
 
 impl ViewArguments {
@@ -64,6 +74,7 @@ impl ViewArguments {
             samples: _,
             frame_rate: _,
             play: _,
+            walk: _,
         } = self;
         let name = &scene.scene;
         if !is_view_file(Path::new(name)) {
@@ -109,8 +120,19 @@ impl ViewArguments {
                 samples: self.samples,
                 frame_rate: self.frame_rate.unwrap_or(Look::default().frame_rate),
                 plays: self.play,
+                walks: self.walk,
             },
         })
+    }
+}
+
+/// What `--walk` says: nothing, or the height of the eye above the ground (m).
+fn parse_walks(text: &str) -> Result<Walks, String> {
+    let is_height = |height: &f32| height.is_finite() && *height > 0.0;
+    let height = text.parse().ok().filter(is_height);
+    match height {
+        None if !text.is_empty() => Err("expected a height above 0 (m)".into()),
+        eye_height => Ok(Walks { eye_height }),
     }
 }
 
@@ -216,6 +238,11 @@ mod tests {
             ["shadow-map", "caustics"]
         );
         assert_eq!(start.set.settings["shadow-map"]["taps"], "16");
+        assert_eq!(start.look.walks, None);
+        for (address, eye_height) in [("walk", None), ("walk=", None), ("walk=0.17", Some(0.17))] {
+            let walks = of_address(address).unwrap().look.walks;
+            assert_eq!(walks, Some(Walks { eye_height }), "{address}");
+        }
         let empty = of_address("").unwrap();
         assert_eq!(
             (empty.scene.scene.as_str(), empty.set.names),
@@ -261,6 +288,8 @@ mod tests {
             ("frame-rate=4", "frame-rate"),
             ("samples=999999999999", "samples"),
             ("exposure=nan", "--exposure"),
+            ("walk=-1", "--walk"),
+            ("walk=inf", "--walk"),
             ("set=shadow-map.taps", "technique.key=value"),
             ("set=fog.taps=3", "no technique"),
             ("scene=%ff", "UTF-8"),

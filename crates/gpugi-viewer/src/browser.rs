@@ -26,6 +26,11 @@ export function download(name, bytes) {
     setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
+export function gamepad() {
+    const pad = [...navigator.getGamepads()].find(pad => pad?.connected && pad.mapping === "standard");
+    return new Float32Array(pad ? [...pad.axes.slice(0, 4), ...[0, 1, 2].map(i => pad.buttons[i].value)] : []);
+}
+
 export function showAddress(address) {
     history.replaceState(null, "", `#${address}`);
 }
@@ -36,6 +41,9 @@ extern "C" {
 
     /// Hands a file to the person who looks at the page.
     pub fn download(name: &str, bytes: &[u8]);
+
+    /// Four axes and three buttons of the first gamepad that the browser knows the layout of; nothing without one.
+    pub fn gamepad() -> Vec<f32>;
 
     /// Changes what follows `#` in the page's address.
     #[wasm_bindgen(js_name = showAddress)]

@@ -327,6 +327,18 @@ impl CameraControl {
         self.goal.target += way * (seconds * self.diagonal / 4.0);
     }
 
+    /// Goes to a place, and looks where it looked (world space (m)).
+    pub fn go_to(&mut self, eye: Vec3) {
+        self.untouched = None;
+        self.goal.target += eye - self.goal.eye();
+    }
+
+    /// Where it will stand (world space (m)), and unit vectors forward and, in the horizontal plane, to the right.
+    pub fn sight(&self) -> (Vec3, Vec3, Vec3) {
+        let (eye, backward) = self.eye_and_backward();
+        (eye, -backward, self.goal.axes().x_axis)
+    }
+
     /// Turns toward a point, around which it orbits from now on (world space (m)).
     pub fn focus(&mut self, point: Vec3) {
         let eye = self.goal.eye();

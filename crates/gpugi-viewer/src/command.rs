@@ -83,6 +83,9 @@ fn seen(session: &Session) -> Vec<(String, String)> {
     if session.pace.target_rate != Look::default().frame_rate {
         seen.push(("frame-rate".into(), session.pace.target_rate.to_string()));
     }
+    if let Some(height) = session.eye_height() {
+        seen.push(("walk".into(), height.to_string()));
+    }
     seen
 }
 

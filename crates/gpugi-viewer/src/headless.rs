@@ -108,6 +108,7 @@ pub fn run(
             viewer.finish_opening()?;
             let session = viewer.session().ok_or("nothing is on show")?;
             session.clock.is_playing = false;
+            session.is_game_paused = true;
             finish(viewer, size, &mut took)
         })?;
     }

@@ -9,6 +9,8 @@ pub mod arguments;
 pub mod browser;
 pub mod camera_control;
 pub mod command;
+pub mod game;
+pub mod gamepad;
 mod gizmo;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod headless;

@@ -93,7 +93,19 @@ pub fn upload_again(
     set: TechniqueSet,
     done: impl FnOnce() + Send + 'static,
 ) -> Opening {
-    let (gpu, scene) = (gpu.clone(), current.scene().clone());
+    upload_as(gpu, subject, current, current.scene().clone(), set, done)
+}
+
+/// As [`upload_again`], with what `scene` has that the scene on show has not.
+pub fn upload_as(
+    gpu: &Gpu,
+    subject: &str,
+    current: &Loaded,
+    scene: Scene,
+    set: TechniqueSet,
+    done: impl FnOnce() + Send + 'static,
+) -> Opening {
+    let gpu = gpu.clone();
     let arguments = current.arguments.clone();
     let source = (arguments, current.edits.clone(), current.notes.clone());
     Task::start(subject, done, move |stage| async move {

@@ -5,6 +5,7 @@ mod lens;
 mod maps;
 mod performance;
 mod settings;
+mod walking;
 
 use eframe::egui::{self, CollapsingHeader, ComboBox, DragValue, Slider, Ui};
 use gpugi::picture::{Compared, Quantity};
@@ -12,6 +13,7 @@ use gpugi::scene::Edit;
 use gpugi::techniques::Registry;
 use gpugi_scene::builtin;
 
+use crate::game::ball::Finish;
 use crate::recording::Recording;
 use crate::saving::What;
 use crate::session::Session;
@@ -42,6 +44,14 @@ pub enum Action {
     Save(What),
     /// To begin or to end a recording.
     Record,
+    /// To walk, or to fly.
+    Walk(bool),
+    /// To throw a ball.
+    Throw,
+    /// To make the balls of something else.
+    Polish(Finish),
+    /// To say what is wrong.
+    Complain(String),
     /// To lose the device, in tests.
     LoseDevice,
 }
@@ -138,6 +148,7 @@ pub fn picture(
                 }
             }
             lens::lens(ui, session);
+            walking::walking(ui, session, actions);
             let pace = &mut session.pace;
             ui.add(Slider::new(&mut pace.scale, 0.1..=2.0).text("resolution"))
                 .on_hover_text("Pixels of the picture per pixel of the window, along a side");
@@ -357,6 +368,17 @@ pub fn keys(ui: &mut Ui) {
             ("Ctrl or Cmd click", "focus the lens there, if it is open"),
             ("R", "back to where the camera stood"),
             ("space", "play or pause the animation"),
+            ("G", "walk, or fly again"),
+            (
+                "W A S D, space, E",
+                "walking: walk, jump, use; with shift run",
+            ),
+            ("click, Esc", "walking: the mouse turns the view, or not"),
+            ("B", "throw a ball"),
+            (
+                "gamepad",
+                "sticks walk or fly, and look; A, B, X jump, throw, use",
+            ),
             ("T", "the path tracer beside the picture, or not"),
             ("F2, F3, F4", "save the view, a PNG, an EXR"),
         ] {

@@ -32,6 +32,18 @@ pub enum Step {
     Edit(String),
     /// Runs the animation, or stops it.
     Play(bool),
+    /// Walks, or flies.
+    Walk(bool),
+    /// Walks right and forward from now on (parts of a walk's speed).
+    Go(Vec2),
+    /// Turns the view to the right and up (degrees).
+    Look(Vec2),
+    /// Jumps.
+    Jump,
+    /// Uses what is in the middle of the picture.
+    Operate,
+    /// Throws a ball.
+    Throw,
     /// Loses the device.
     LoseDevice,
 }
@@ -73,7 +85,8 @@ impl Script {
 }
 
 const HELP: &str = "orbit RIGHT UP (degrees), pan RIGHT UP (heights), zoom FACTOR, reset, open FILE|SCENE, \
-    technique NAME,..., set TECHNIQUE.KEY=VALUE, edit WHAT.KEY=VALUE, play, pause, lose-device";
+    technique NAME,..., set TECHNIQUE.KEY=VALUE, edit WHAT.KEY=VALUE, play, pause, \
+    walk, fly, go RIGHT FORWARD (at most 1), look RIGHT UP (degrees), jump, use, throw, lose-device";
 
 fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
     let (frame, rest) = words.split_first()?;
@@ -102,6 +115,13 @@ fn parse_step(words: &[&str]) -> Option<(u32, Step)> {
         "edit" => (1, Step::Edit(values.first()?.to_string())),
         "play" => (0, Step::Play(true)),
         "pause" => (0, Step::Play(false)),
+        "walk" => (0, Step::Walk(true)),
+        "fly" => (0, Step::Walk(false)),
+        "go" => (2, Step::Go(pair()?)),
+        "look" => (2, Step::Look(pair()?)),
+        "jump" => (0, Step::Jump),
+        "use" => (0, Step::Operate),
+        "throw" => (0, Step::Throw),
         "lose-device" => (0, Step::LoseDevice),
         _ => return None,
     };
@@ -126,9 +146,19 @@ impl Step {
             viewer.lose_device();
             return Ok(());
         }
+        if *self == Self::Throw {
+            viewer.throw()?;
+            // The ball leaves the hand before this frame, however long the upload takes. A page goes on meanwhile.
+            #[cfg(not(target_arch = "wasm32"))]
+            viewer.finish_opening()?;
+            return Ok(());
+        }
         let Some(session) = viewer.session() else {
             return Err("nothing is on show yet".into());
         };
+        if let Self::Walk(true) = self {
+            return session.walk(None);
+        }
         if let Self::Techniques(names) = self {
             let set = TechniqueSet {
                 names: Some(names.clone()),
@@ -139,7 +169,27 @@ impl Step {
         }
         let scene = session.loaded().scene();
         let done = match self {
-            Self::Open(_) | Self::Techniques(_) | Self::LoseDevice => Ok(()),
+            Self::Open(_) | Self::Techniques(_) | Self::Throw | Self::LoseDevice => Ok(()),
+            Self::Walk(_) => {
+                session.fly();
+                Ok(())
+            }
+            Self::Go(way) => {
+                session.intent.way = *way;
+                Ok(())
+            }
+            Self::Look(degrees) => {
+                session.camera.look(degrees.map(f32::to_radians));
+                Ok(())
+            }
+            Self::Jump => {
+                session.intent.jumps = true;
+                Ok(())
+            }
+            Self::Operate => match session.operate() {
+                true => Ok(()),
+                false => return Err("there is nothing to use".into()),
+            },
             Self::Orbit(degrees) => {
                 session.camera.orbit(degrees.map(f32::to_radians));
                 Ok(())
@@ -176,7 +226,7 @@ mod tests {
 
     #[test]
     fn lines_are_frames_and_steps() {
-        let text = "# a walk\n0 play\n\n  3 orbit 10 -5\n4 set shadow-map.taps=16\n5 edit light.1.position=0,2,-1\n";
+        let text = "# a walk\n0 play\n\n  3 orbit 10 -5\n3 go -0.5 1\n4 set shadow-map.taps=16\n5 edit light.1.position=0,2,-1\n";
         let Script(steps) = Script::parse(text).unwrap();
         let set = ["shadow-map", "taps", "16"].map(str::to_owned);
         assert_eq!(
@@ -184,6 +234,7 @@ mod tests {
             [
                 (0, Step::Play(true)),
                 (3, Step::Orbit(Vec2::new(10.0, -5.0))),
+                (3, Step::Go(Vec2::new(-0.5, 1.0))),
                 (4, Step::Set(set)),
                 (5, Step::Edit("light.1.position=0,2,-1".into())),
             ]
@@ -198,6 +249,8 @@ mod tests {
             "1 orbit 3",
             "1 orbit 3 nan",
             "1 zoom 0",
+            "1 go",
+            "1 walk 3",
             "1 play 3",
             "-1 play",
             "1 set taps=3",

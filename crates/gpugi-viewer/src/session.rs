@@ -2,6 +2,7 @@
 //! windows, so that tests and headless runs drive the same loop.
 
 mod beside;
+mod play;
 
 use std::future::Future;
 use std::pin::Pin;
@@ -17,6 +18,8 @@ use gpugi_arguments::edits;
 use gpugi_scene::{Document, Scene};
 
 use crate::camera_control::CameraControl;
+use crate::game::ball::Finish;
+use crate::game::{Game, Intent};
 use crate::pace::{Pace, Purpose};
 use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
@@ -153,6 +156,13 @@ pub struct Session {
     picture_took: Option<f32>,
     /// Whether the next click focuses the lens.
     pub is_focusing: bool,
+    /// Whether who walks and what was thrown stand still, as an animation does that is paused.
+    pub is_game_paused: bool,
+    /// What somebody who walks wants.
+    pub intent: Intent,
+    /// What balls are made of.
+    pub finish: Finish,
+    game: Option<Game>,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
     /// What is seen in the middle of the picture, for the camera to orbit around.
     middle: Option<ReadBack<Option<VisiblePoint>>>,
@@ -210,6 +220,10 @@ impl Session {
             unchanged: 0.0,
             picture_took: Some(0.0),
             is_focusing: false,
+            is_game_paused: false,
+            intent: Intent::default(),
+            finish: Finish::default(),
+            game: None,
             picks: Vec::new(),
             middle: None,
             loaded,
@@ -226,7 +240,7 @@ impl Session {
         loaded: Loaded,
         wake: impl Fn() + Send + Sync + 'static,
     ) -> Result<Self, LightingError> {
-        Ok(Self {
+        let mut session = Self {
             camera: self.camera,
             effects: self.effects,
             pace: self.pace,
@@ -237,8 +251,12 @@ impl Session {
             quantity: self.quantity,
             compared: self.compared,
             truth_samples: self.truth_samples,
+            finish: self.finish,
+            game: self.game,
             ..Self::new(gpu, loaded, self.first, wake)?
-        })
+        };
+        session.renew_game(session.balls());
+        Ok(session)
     }
 
     /// Shows another scene as `camera` sees it; exposure, pace and the like stay.
@@ -246,6 +264,7 @@ impl Session {
         self.first = camera.clone();
         self.camera = camera;
         self.clock = Clock::default();
+        self.game = None;
         self.take(loaded);
     }
 
@@ -266,6 +285,7 @@ impl Session {
             self.samples = loaded.set.default_samples();
         }
         self.loaded = loaded;
+        self.renew_game(self.balls());
         self.readiness = Readiness::Refining { progress: 0.0 };
         self.is_edited = true;
         // The next one has the shaders of today.
@@ -290,6 +310,7 @@ impl Session {
         self.camera = self.first.clone();
         self.middle = None;
         self.is_edited = true;
+        self.walk_on();
     }
 
     /// The scene as it is now, with its techniques and where it comes from.
@@ -368,7 +389,12 @@ impl Session {
     /// # Errors
     /// [`LightingError`]; the scene is as before then.
     pub fn pose(&mut self, seconds: f32) -> Result<(), LightingError> {
-        let edits = self.loaded.scene().posed(seconds);
+        let scene = self.loaded.scene();
+        let rig = match &self.game {
+            Some(game) => game.rig(scene),
+            None => scene.rig.as_ref(),
+        };
+        let edits = rig.map_or_else(Vec::new, |rig| scene.posed_by(rig, seconds));
         self.loaded.edit(&edits)?;
         let bounds = self.loaded.renderer.scene().bounds;
         self.camera.follow(&self.loaded.scene().cameras, &bounds);
@@ -430,8 +456,16 @@ impl Session {
             let work = self.loaded.renderer.work();
             self.pace.measure(took, work, purpose);
         }
-        if self.clock.is_playing && !self.is_held {
-            self.pose(self.clock.seconds + seconds.min(LONGEST_FRAME))?;
+        if !self.is_held {
+            let is_driven = !self.is_game_paused && self.drive(seconds.min(LONGEST_STEERED));
+            if self.clock.is_playing {
+                self.pose(self.clock.seconds + seconds.min(LONGEST_FRAME))?;
+            } else if is_driven {
+                self.pose(self.clock.seconds)?;
+            }
+            if !self.is_game_paused {
+                self.live(seconds.min(LONGEST_STEERED))?;
+            }
         }
         let is_steered = !self.is_held && self.camera.advance(seconds.min(LONGEST_STEERED));
         let is_moving = is_steered | self.is_edited;

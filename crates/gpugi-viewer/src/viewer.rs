@@ -7,10 +7,11 @@ use gpugi::gpu::Gpu;
 use gpugi::picture::Effects;
 use gpugi_arguments::files::Files;
 use gpugi_arguments::scene_argument::{self, SceneArguments};
-use gpugi_scene::Edit;
+use gpugi_scene::{Edit, Scene};
 
 use crate::arguments::{is_view_file, of_view_file};
 use crate::camera_control::CameraControl;
+use crate::game::ball::{self, Finish};
 use crate::opening::{self, Opening};
 use crate::session::{Loaded, Session};
 use crate::technique_set::TechniqueSet;
@@ -39,6 +40,15 @@ pub struct Look {
     pub frame_rate: u32,
     /// Whether its animation runs from the beginning.
     pub plays: bool,
+    /// Whether somebody walks.
+    pub walks: Option<Walks>,
+}
+
+/// Somebody who walks from the beginning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Walks {
+    /// Height of the eye above the ground (m), if it is not to suit the scene.
+    pub eye_height: Option<f32>,
 }
 
 impl Default for Look {
@@ -49,6 +59,7 @@ impl Default for Look {
             samples: None,
             frame_rate: 60,
             plays: false,
+            walks: None,
         }
     }
 }
@@ -61,6 +72,8 @@ enum Kind {
     Environment(SceneArguments, u64),
     /// Other techniques for the scene on show, which had this revision.
     Techniques(u64),
+    /// Balls for the scene on show, which had this revision: the index of the first. It is thrown.
+    Balls(u64, usize),
     /// What was on show on a device that is lost.
     Renewed(Box<Session>),
 }
@@ -204,6 +217,53 @@ impl Viewer {
         self.opening = Some((opening, Kind::Techniques(loaded.document.revision())));
     }
 
+    /// Throws a ball. The first adds balls to the scene, which is uploaded again with them, and flies when that is done.
+    ///
+    /// # Errors
+    /// Why there can be none.
+    pub fn throw(&mut self) -> Result<(), String> {
+        let Some(session) = &mut self.session else {
+            return Ok(());
+        };
+        if session.throw() || self.opening.is_some() {
+            return Ok(());
+        }
+        let (center, radius) = session.hand()?;
+        let loaded = session.loaded();
+        let mut scene = loaded.scene().clone();
+        let first = ball::add_to(&mut scene, session.finish, center, radius);
+        let kind = Kind::Balls(loaded.document.revision(), first);
+        self.upload(scene, kind);
+        Ok(())
+    }
+
+    /// Makes the balls of something else: those in the scene, which is uploaded again, and those to come.
+    pub fn polish(&mut self, finish: Finish) {
+        let Some(session) = &mut self.session else {
+            return;
+        };
+        session.finish = finish;
+        let (balls, loaded) = (session.balls(), session.loaded());
+        if balls.is_empty() || self.opening.is_some() {
+            return;
+        }
+        let mut scene = loaded.scene().clone();
+        let material = scene.instances[balls.start].material;
+        scene.materials[material] = finish.material();
+        let kind = Kind::Techniques(loaded.document.revision());
+        self.upload(scene, kind);
+    }
+
+    /// Begins to upload the scene on show with other balls.
+    fn upload(&mut self, scene: Scene, kind: Kind) {
+        let Some(session) = &self.session else { return };
+        let wake = self.wake.clone();
+        let done = move || wake();
+        let (loaded, set) = (session.loaded(), session.loaded().set.clone());
+        let opening = opening::upload_as(&self.gpu, "balls", loaded, scene, set, done);
+        self.opening = Some((opening, kind));
+    }
+
     /// Gives up what is being opened.
     pub fn cancel(&mut self) {
         self.opening = None;
@@ -259,7 +319,15 @@ impl Viewer {
                     .replace(loaded, &edits)
                     .map_err(|error| error.to_string())?;
             }
-            (Kind::Environment(..) | Kind::Techniques(_), None) => {}
+            (Kind::Balls(revision, first), Some(session)) => {
+                let edits = session.loaded().document.since(revision);
+                session
+                    .replace(loaded, &edits)
+                    .map_err(|error| error.to_string())?;
+                session.take_balls(first..first + ball::COUNT);
+                session.throw();
+            }
+            (Kind::Environment(..) | Kind::Techniques(_) | Kind::Balls(..), None) => {}
             (Kind::Renewed(session), _) => {
                 let wake = self.wake.clone();
                 let session = session.renewed(&self.gpu, loaded, move || wake());
@@ -292,6 +360,9 @@ impl Viewer {
             session.samples = look.samples.unwrap_or(default);
             session.pace.target_rate = look.frame_rate;
             session.clock.is_playing = look.plays;
+            if let Some(walks) = look.walks {
+                session.walk(walks.eye_height)?;
+            }
         }
         Ok(())
     }

@@ -712,3 +712,42 @@ fn shaders_under_development_light_the_next_picture() {
     assert_same(&left, &brighter);
     assert_same(&lit_with(&mut viewer, Vec::new()).unwrap(), &built);
 }
+
+/// A ball is thrown, and what is shown is the scene with the ball where it is by then. The other balls wait.
+#[test]
+fn a_ball_that_was_thrown_is_part_of_the_picture() {
+    let Some(gpu) = open() else { return };
+    let script = Script::parse("0 walk\n1 look 0 -10\n2 throw").unwrap();
+    let frames = Frames {
+        count: 40,
+        samples: Some(SAMPLES),
+        ..SHORT
+    };
+    let begun = start("room", &["shadow-map"]);
+    let (mut viewer, _) = headless::run(&gpu, begun, frames, &script, None).unwrap();
+    let session = viewer.session().unwrap();
+    assert_eq!(session.eye_height(), Some(1.7));
+    assert!(session.edits().is_empty());
+    assert!(address(session).contains("walk=1.7"));
+    let scene = session.loaded().scene().clone();
+    let balls = session.balls();
+    assert_eq!(balls.len(), 3);
+    let center = scene.instances[balls.start].world_from_mesh.w_axis;
+    // More than 0.6 s of flight: it has reached the far half of the room.
+    assert!(center.z < 0.0 && center.y > 0.14, "{center}");
+    let sizes = scene.instances[balls]
+        .iter()
+        .map(|ball| ball.world_from_mesh.x_axis.x);
+    assert_eq!(sizes.collect::<Vec<f32>>(), [1.0, 1e-3, 1e-3]);
+    let shown = session.loaded().renderer.radiance().unwrap();
+    let mut renderer = Renderer::new(&gpu, &scene, SIZE, &["shadow-map".to_owned()]).unwrap();
+    let camera = session.camera.camera();
+    let go_on = |_, _| ControlFlow::Continue(());
+    renderer.converge(&camera, false, go_on).unwrap();
+    for _ in 0..SAMPLES {
+        renderer
+            .render_sample(&camera, SAMPLES, None, false)
+            .unwrap();
+    }
+    assert_same(&shown, &renderer.radiance().unwrap());
+}

@@ -184,6 +184,15 @@ pub struct Animation {
     pub channels: Vec<Channel>,
 }
 
+impl Animation {
+    /// The time within the loop (s). A duration of 0 and a non-finite time both give NaN on the way: such an animation
+    /// stays at its start.
+    fn looped(&self, time_seconds: f32) -> f32 {
+        let looped = time_seconds.rem_euclid(self.duration);
+        if looped.is_finite() { looped } else { 0.0 }
+    }
+}
+
 /// One property of one node over time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Channel {
@@ -304,15 +313,48 @@ impl Rig {
             .fold(0.0, f32::max)
     }
 
+    /// Time after which a node that animations move is where it was (s); `None` if none moves it by itself.
+    pub fn period(&self, node: usize) -> Option<f32> {
+        let moves =
+            |channel: &Channel| channel.node == node && channel.property != Property::Weights;
+        let animations = self.animations.iter();
+        let moving = animations.filter(|animation| animation.channels.iter().any(moves));
+        moving.map(|animation| animation.duration).reduce(f32::max)
+    }
+
+    /// The placement of one node relative to its parent at `time_seconds`.
+    pub fn local(&self, node: usize, time_seconds: f32) -> Transform {
+        let mut place = self.nodes[node].rest;
+        for animation in &self.animations {
+            let time = animation.looped(time_seconds);
+            let channels = animation.channels.iter();
+            let moves =
+                |channel: &&Channel| channel.node == node && channel.property != Property::Weights;
+            for channel in channels.filter(moves) {
+                place.set(channel.property, &channel.sample(time));
+            }
+        }
+        place
+    }
+
+    /// Takes a node out of the animations: it stays at `place`, relative to its parent, while what it carries and the
+    /// weights of its mesh go on as before.
+    pub fn hold(&mut self, node: usize, place: Transform) {
+        for animation in &mut self.animations {
+            let channels = &mut animation.channels;
+            channels
+                .retain(|channel| channel.node != node || channel.property == Property::Weights);
+        }
+        self.nodes[node].rest = place;
+    }
+
     /// Evaluates all nodes at `time_seconds`.
     pub fn pose(&self, time_seconds: f32) -> Pose {
         let mut transforms: Vec<Transform> = self.nodes.iter().map(|node| node.rest).collect();
         let mut weights: Vec<Vec<f32>> =
             self.nodes.iter().map(|node| node.weights.clone()).collect();
         for animation in &self.animations {
-            // A duration of 0 and a non-finite time both give NaN here: such an animation stays at its start.
-            let looped = time_seconds.rem_euclid(animation.duration);
-            let time = if looped.is_finite() { looped } else { 0.0 };
+            let time = animation.looped(time_seconds);
             for channel in &animation.channels {
                 let value = channel.sample(time);
                 match channel.property {

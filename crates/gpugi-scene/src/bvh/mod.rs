@@ -10,6 +10,7 @@ mod binary;
 mod bottom;
 mod error;
 mod node;
+mod overlap;
 mod rows;
 #[cfg(test)]
 mod tests;
@@ -20,6 +21,7 @@ mod tree;
 pub use bottom::{BottomLevel, MeshTriangles, TriangleTree};
 pub use error::BvhError;
 pub use node::NODE_ROWS;
+pub use overlap::overlapping;
 pub use rows::{
     FLAG_ALPHA, FLAG_BLACK_BACK, FLAG_SPHERE, INSTANCE_ROWS, Row, STACK_SIZE, TRIANGLE_ROWS,
 };

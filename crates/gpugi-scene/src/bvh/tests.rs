@@ -521,6 +521,65 @@ fn a_mesh_that_deforms_keeps_its_tree() {
 }
 
 #[test]
+fn what_overlaps_a_box_is_found() {
+    let mut random = Random(11);
+    let meshes = [sheet(20, 0.3), sheet(3, 0.2)];
+    let places = [
+        (0, Mat4::IDENTITY),
+        (1, Mat4::from_translation(Vec3::new(0.3, 0.2, -0.4))),
+        (
+            1,
+            Mat4::from_scale_rotation_translation(
+                Vec3::new(0.5, -2.0, 1e-2),
+                Quat::from_rotation_y(0.7),
+                Vec3::new(-0.5, 0.1, 0.2),
+            ),
+        ),
+        (0, Mat4::ZERO),
+    ];
+    // A single instance has no nodes above it.
+    for count in [1, places.len()] {
+        let instances = &places[..count];
+        let built = build(&meshes, instances);
+        let (mut all, mut needed) = (0, 0);
+        for _ in 0..200 {
+            let center = random.vector();
+            let half = random.vector().abs() * 0.2;
+            let near = Bounds {
+                min: center - half,
+                max: center + half,
+            };
+            let mut found = Vec::new();
+            overlapping(&built.rows, built.start, &near, |instance, triangle| {
+                found.push((instance, triangle));
+                true
+            });
+            for (instance, (mesh, place)) in instances.iter().enumerate() {
+                for (triangle, corners) in meshes[*mesh].iter().enumerate() {
+                    let corners = corners.map(|corner| place.transform_point3(corner));
+                    let bounds = Bounds::of(corners);
+                    let is_near =
+                        bounds.min.cmple(near.max).all() && bounds.max.cmpge(near.min).all();
+                    let key = (instance as u32, triangle as u32);
+                    let is_found = found.contains(&key);
+                    // What lies in a turned box of its mesh may lie outside of the box.
+                    assert!(is_found || !is_near || *place == Mat4::ZERO, "{key:?}");
+                    needed += usize::from(is_near && *place != Mat4::ZERO);
+                }
+            }
+            all += found.len();
+            let mut first = 0;
+            overlapping(&built.rows, built.start, &near, |_, _| {
+                first += 1;
+                false
+            });
+            assert_eq!(first, found.len().min(1));
+        }
+        assert!(needed > 100 && all < 8 * needed, "{all} for {needed}");
+    }
+}
+
+#[test]
 fn a_tree_that_was_built_ahead_is_taken_where_it_serves() {
     let scene = crate::builtin::builtin("spheres", 1).unwrap();
     let mut mesh = crate::Mesh::clone(&scene.meshes[0]);

@@ -261,7 +261,7 @@ pub fn any_hit(
 }
 
 /// Bits of a group that mark nodes still to visit.
-const INNER: u32 = 0xff00_0000;
+pub(super) const INNER: u32 = 0xff00_0000;
 
 /// Bits of a group that consists of a single node.
 pub(super) const FIRST_NODE: u32 = 0x8000_0000;
