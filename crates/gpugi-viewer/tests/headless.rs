@@ -738,7 +738,7 @@ fn a_ball_that_was_thrown_is_part_of_the_picture() {
     let sizes = scene.instances[balls]
         .iter()
         .map(|ball| ball.world_from_mesh.x_axis.x);
-    assert_eq!(sizes.collect::<Vec<f32>>(), [1.0, 1e-3, 1e-3]);
+    assert_eq!(sizes.collect::<Vec<f32>>(), [1.0, 1e-5, 1e-5]);
     let shown = session.loaded().renderer.radiance().unwrap();
     let mut renderer = Renderer::new(&gpu, &scene, SIZE, &["shadow-map".to_owned()]).unwrap();
     let camera = session.camera.camera();

@@ -28,7 +28,7 @@ const FASTEST: f32 = 60.0;
 /// Balls in a scene that has them.
 pub const COUNT: usize = 3;
 /// Size of those that nobody has thrown yet.
-const DUST: f32 = 1e-3;
+const DUST: f32 = 1e-5;
 
 /// What balls are made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
