@@ -1,6 +1,6 @@
 //! Walking and balls.
 
-use eframe::egui::{Slider, Ui};
+use eframe::egui::{CollapsingHeader, Slider, Ui};
 
 use super::Action;
 use crate::game::ball::Finish;
@@ -9,6 +9,10 @@ use crate::session::Session;
 
 /// Whether somebody walks, and how tall; what balls are made of, and one to throw.
 pub fn walking(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
+    CollapsingHeader::new("Walk and balls").show(ui, |ui| controls(ui, session, actions));
+}
+
+fn controls(ui: &mut Ui, session: &mut Session, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         let height = session.eye_height();
         let mut walks = height.is_some();
