@@ -497,6 +497,7 @@ impl App {
                         _ => None,
                     };
                     panels::edits(ui, session.loaded().scene(), object, &mut actions);
+                    panels::walking(ui, session, &mut actions);
                     panels::performance(ui, session, self.cpu_seconds);
                     self.maps.list(ui, session);
                     panels::keys(ui);

@@ -22,6 +22,7 @@ use crate::technique_set::{PATH_TRACER, Preset, TechniqueSet};
 pub use edits::edits;
 pub use maps::Maps;
 pub use performance::performance;
+pub use walking::walking;
 
 /// What people asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -148,7 +149,6 @@ pub fn picture(
                 }
             }
             lens::lens(ui, session);
-            walking::walking(ui, session, actions);
             let pace = &mut session.pace;
             ui.add(Slider::new(&mut pace.scale, 0.1..=2.0).text("resolution"))
                 .on_hover_text("Pixels of the picture per pixel of the window, along a side");
