@@ -33,14 +33,16 @@ impl<P: Debug + Send + Sync + 'static> Lazy<P> {
         if !is_new {
             return lazy;
         }
-        let pipelines = pipelines.clone();
+        let (pipelines, faults) = (pipelines.clone(), gpu.faults.clone());
         let work = move || {
             // What they hold of the device goes first.
             let (made, create) = (made, create);
             if pipelines.is_wanted(&recipe, &made) {
                 // A panic in the driver's compiler must not leave other threads waiting: rayon then aborts the process.
                 let _ = made.set(create());
-                pipelines.done(recipe, made);
+                // Out of memory, for instance. Somebody else's fault costs this pipeline its place at most.
+                let is_faulty = faults.lock().is_ok_and(|faults| faults.error.is_some());
+                pipelines.done(recipe, made, is_faulty);
             }
         };
         if let Some(uncompiled) = &gpu.uncompiled {

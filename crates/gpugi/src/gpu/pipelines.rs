@@ -94,9 +94,13 @@ impl<P> Pipelines<P> {
         is_wanted
     }
 
-    /// Keeps a pipeline that has been compiled.
-    pub fn done(&self, recipe: Recipe, made: Made<P>) {
-        let before = self.kept().insert(recipe, Kept::Made(made));
+    /// Takes notice that a pipeline has been compiled. One that `is_faulty` is not kept: whoever makes it again is told.
+    pub fn done(&self, recipe: Recipe, made: Made<P>, is_faulty: bool) {
+        let mut kept = self.kept();
+        let before = match is_faulty {
+            true => kept.remove(&recipe),
+            false => kept.insert(recipe, Kept::Made(made)),
+        };
         before.inspect(Kept::count_down);
     }
 }
@@ -164,7 +168,7 @@ mod tests {
         let second_holds = made.clone();
         assert!(pipelines.is_wanted(&recipe("a"), &made));
         made.set(7).unwrap();
-        pipelines.done(recipe("a"), made);
+        pipelines.done(recipe("a"), made, false);
         assert_eq!(counts(), [0, 1]);
         drop(second_holds);
         let (kept, is_new) = pipelines.get(&recipe("a"), &first);
@@ -172,6 +176,10 @@ mod tests {
         assert_eq!(counts(), [0, 1]);
         // Nobody wants the other one any more.
         assert!(!pipelines.is_wanted(&recipe("b"), &other));
+        assert_eq!(counts(), [0, 0]);
+        let (faulty, is_new) = pipelines.get(&recipe("b"), &first);
+        assert!(is_new);
+        pipelines.done(recipe("b"), faulty, true);
         assert_eq!(counts(), [0, 0]);
         assert!(pipelines.get(&recipe("b"), &first).1);
     }
@@ -186,7 +194,7 @@ mod tests {
             if index % 2 == 0 {
                 used.push(made.clone());
             }
-            pipelines.done(recipe(&index.to_string()), made);
+            pipelines.done(recipe(&index.to_string()), made, false);
         }
         assert_eq!(pipelines.kept().len(), MOST);
         assert!(pipelines.get(&recipe("one more"), &count).1);

@@ -202,6 +202,28 @@ fn copy_kernel(gpu: &Gpu) -> Kernel {
 }
 
 #[test]
+fn a_kernel_that_is_made_again_compiles_nothing() {
+    let Some(gpu) = test_gpu() else { return };
+    // Its pipelines wait until they are asked for.
+    let gpu = gpu.as_in_a_browser();
+    let waiting = || gpu.compiling.load(std::sync::atomic::Ordering::Relaxed);
+    let first = copy_kernel(&gpu);
+    assert_eq!(waiting(), 1);
+    while gpu.is_compiling() {}
+    drop(first);
+    let _again = copy_kernel(&gpu);
+    assert_eq!(waiting(), 0);
+    let unchecked = super::KernelOptions {
+        unchecked: true,
+        ..Default::default()
+    };
+    let other = Kernel::with_options(&gpu, &shader!("testing.copy"), "main", None, &unchecked);
+    let _other = other.unwrap();
+    assert_eq!(waiting(), 1);
+    while gpu.is_compiling() {}
+}
+
+#[test]
 fn a_wrong_binding_is_an_error_that_names_shader_and_binding() {
     let Some(gpu) = test_gpu() else { return };
     let kernel = copy_kernel(&gpu);
