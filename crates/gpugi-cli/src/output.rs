@@ -4,10 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use glam::DVec3;
+use gpugi::denoise::Features;
 use gpugi::gpu::Gpu;
 use gpugi::techniques::Map;
-use gpugi::{Renderer, capture};
-use gpugi_scene::image::{save_exr, save_hdr, save_png};
+use gpugi_scene::Scene;
+use gpugi_scene::image::{save_exr, save_exr_layers, save_hdr, save_png};
 
 use crate::Usage;
 
@@ -113,52 +115,102 @@ pub fn write_json<T: serde::Serialize>(path: &Path, value: &T) -> anyhow::Result
     .with_context(|| format!("{}: cannot be written", path.display()))
 }
 
-/// A quantity of surface points that can be written as an image.
+/// What pixels see, as layers of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Aov {
     /// Diffuse albedo plus reflectance at normal incidence.
     Albedo,
     /// Shading normal in world space.
     Normal,
-    /// Distance along the view direction (m).
+    /// Distance along the view's axis (m).
     Depth,
     /// Position in the file's coordinates (m).
     Position,
+    /// Albedo, past ideal mirrors and glass, for denoisers.
+    DenoisingAlbedo,
+    /// Shading normal, past ideal mirrors and glass, for denoisers.
+    DenoisingNormal,
+    /// Estimated variance of the radiance; of the path tracer alone.
+    Variance,
 }
 
-/// Writes surface points as linear EXR images named `OUTPUT-aov.exr`. The background is zero.
-pub fn write_aovs(
-    renderer: &Renderer,
-    output: &Path,
+impl Aov {
+    /// Its layer's name, as compositors know it, and its channels.
+    fn layer(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Albedo => ("Albedo", "RGB"),
+            Self::Normal => ("Normal", "XYZ"),
+            Self::Depth => ("Depth", "Z"),
+            Self::Position => ("Position", "XYZ"),
+            Self::DenoisingAlbedo => ("Denoising Albedo", "RGB"),
+            Self::DenoisingNormal => ("Denoising Normal", "XYZ"),
+            Self::Variance => ("Variance", "RGB"),
+        }
+    }
+
+    /// Its value for a pixel: the mean over samples that hit a surface, for denoisers over all samples.
+    fn value(self, features: &Features, scene: &Scene) -> [f32; 3] {
+        let of_hits = |sum: [f32; 3]| sum.map(|sum| sum / features.hits.max(1.0));
+        let of_all = |sum: [f32; 3]| sum.map(|sum| sum / features.samples.max(1.0));
+        match self {
+            Self::Albedo => of_hits(features.albedo),
+            Self::Normal => of_hits(features.normal),
+            Self::Depth => of_hits([features.depth; 3]),
+            Self::Position if features.hits == 0.0 => [0.0; 3],
+            Self::Position => {
+                let position = DVec3::from(of_hits(features.position).map(f64::from));
+                (position + scene.origin).as_vec3().to_array()
+            }
+            Self::DenoisingAlbedo => of_all(features.followed_albedo),
+            Self::DenoisingNormal => of_all(features.followed_normal),
+            Self::Variance => [0.0; 3],
+        }
+    }
+}
+
+/// What is seen of a picture beside its radiance.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// Of each pixel, row by row from the top.
+    pub features: Vec<Features>,
+    /// Three floats per pixel, if they are known.
+    pub variance: Vec<f32>,
+}
+
+/// Writes an image and `aovs` as an EXR file with layers. Alpha: the share of samples that hit a surface.
+pub fn write_layers(
+    path: &Path,
     [width, height]: [u32; 2],
+    radiance: &[f32],
+    seen: &Seen,
     aovs: &[Aov],
-    camera: &gpugi_scene::Camera,
-    scene: &gpugi_scene::Scene,
+    scene: &Scene,
 ) -> anyhow::Result<()> {
-    if aovs.is_empty() {
-        return Ok(());
+    let of = |name: &str, channel: char, values: Vec<f32>| {
+        (format!("ViewLayer.{name}.{channel}"), values)
+    };
+    let mut channels = Vec::new();
+    for (index, channel) in "RGB".chars().enumerate() {
+        let values = radiance.iter().skip(index).step_by(3).copied();
+        channels.push(of("Combined", channel, values.collect()));
     }
-    let points = renderer.surface_points()?;
-    let eye = camera.world_from_view.w_axis.truncate();
-    let forward = -camera.world_from_view.z_axis.truncate();
-    for aov in aovs {
-        let value = |point: &capture::VisiblePoint| match aov {
-            Aov::Albedo => point.albedo,
-            Aov::Normal => point.normal,
-            Aov::Depth => glam::Vec3::splat((point.position - eye).dot(forward)),
-            Aov::Position => (point.position.as_dvec3() + scene.origin).as_vec3(),
-        };
-        let texels: Vec<f32> = points
-            .iter()
-            .flat_map(|point| point.as_ref().map_or(glam::Vec3::ZERO, value).to_array())
-            .collect();
-        let name = format!("{aov:?}").to_lowercase();
-        let stem = output.file_stem().unwrap_or_default().to_string_lossy();
-        let path = output.with_file_name(format!("{stem}-{name}.exr"));
-        save_exr(&path, width, height, &texels)
-            .with_context(|| format!("{}: cannot be written", path.display()))?;
+    let alpha = |features: &Features| features.hits / features.samples.max(1.0);
+    let alpha = seen.features.iter().map(alpha).collect();
+    channels.push(of("Combined", 'A', alpha));
+    for &aov in aovs {
+        let (name, of_layer) = aov.layer();
+        for (index, channel) in of_layer.chars().enumerate() {
+            let values = match aov {
+                Aov::Variance => seen.variance.iter().skip(index).step_by(3).copied().collect(),
+                _ => {
+                    let features = seen.features.iter();
+                    features.map(|seen| aov.value(seen, scene)[index]).collect()
+                }
+            };
+            channels.push(of(name, channel, values));
+        }
     }
-    Ok(())
+    save_exr_layers(path, width, height, channels).with_context(|| cannot_write(path))
 }
 
 /// Writes the finest level of each technique's maps as EXR. Depth stays reversed, as stored. Integers become grey.

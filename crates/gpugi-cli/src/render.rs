@@ -71,7 +71,7 @@ pub struct Arguments {
     /// Write every technique's maps into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
-    /// Also write these beside the image: albedo, normal, depth, position; of the last sample
+    /// Also write these as layers of an EXR file, over all samples: OUTPUT if that is one, or else OUTPUT with .exr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
 }
@@ -113,9 +113,17 @@ enum Image {
     Radiance(Vec<f32>),
 }
 
+/// Layers to write.
+struct Layers {
+    /// Mean linear radiance, three floats per pixel.
+    radiance: Vec<f32>,
+    seen: output::Seen,
+}
+
 /// An image, and its data for the report.
 struct Rendered {
     image: Image,
+    layers: Option<Layers>,
     samples: u32,
     scene_bytes_on_gpu: u64,
     techniques: serde_json::Map<String, serde_json::Value>,
@@ -297,9 +305,14 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     };
     match &rendered.image {
         Image::Pixels(pixels) => output::write_png(&arguments.output, size, pixels)?,
+        Image::Radiance(_) if format == Format::Exr && rendered.layers.is_some() => {}
         Image::Radiance(radiance) => {
             output::write_radiance(&arguments.output, format, size, radiance)?
         }
+    }
+    if let Some(Layers { radiance, seen }) = &rendered.layers {
+        let path = arguments.output.with_extension("exr");
+        output::write_layers(&path, size, radiance, seen, &arguments.aov, &scene)?;
     }
     let seconds = started.elapsed().as_secs_f64();
     let samples = rendered.samples;
@@ -441,6 +454,12 @@ fn render_techniques(
         true => BLURRED_SAMPLES,
         false => TECHNIQUE_SAMPLES,
     });
+    if arguments.aov.contains(&Aov::Variance) {
+        return Err(Usage("--aov variance: path-tracer alone knows it".into()).into());
+    }
+    if !arguments.aov.is_empty() {
+        renderer.keep_features()?;
+    }
     let mut progress = Progress::new(common.quiet);
     let mut passes_of_last_sample = Vec::new();
     let timed = |sample| arguments.explain || (sample == samples && arguments.report.is_some());
@@ -480,14 +499,16 @@ fn render_techniques(
             maps_seconds,
         );
     }
-    output::write_aovs(
-        &renderer,
-        &arguments.output,
-        arguments.size,
-        &arguments.aov,
-        camera,
-        scene,
-    )?;
+    let layers = match arguments.aov.is_empty() {
+        true => None,
+        false => Some(Layers {
+            radiance: renderer.radiance()?,
+            seen: output::Seen {
+                features: renderer.features()?,
+                variance: Vec::new(),
+            },
+        }),
+    };
     if let Some(folder) = &arguments.dump_maps {
         output::dump_maps(gpu, &renderer.maps(), folder)?;
     }
@@ -499,6 +520,7 @@ fn render_techniques(
             }
             None => Image::Radiance(renderer.radiance()?),
         },
+        layers,
         samples: renderer.samples(),
         scene_bytes_on_gpu: renderer.scene().bytes,
         techniques: renderer
@@ -529,15 +551,18 @@ fn render_reference(
     notes: &[String],
 ) -> anyhow::Result<Rendered> {
     let settings = path_tracer_settings(&arguments.picture.set)?;
-    if !arguments.aov.is_empty() || arguments.dump_maps.is_some() || arguments.explain {
+    if arguments.dump_maps.is_some() || arguments.explain {
         return Err(Usage(
-            "--aov, --dump-maps and --explain are about techniques and what they keep; path-tracer keeps nothing and adds all light"
+            "--dump-maps and --explain are about techniques and what they keep; path-tracer keeps nothing and adds all light"
                 .into(),
         )
         .into());
     }
     print_notes(common, notes);
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
+    if !arguments.aov.is_empty() {
+        tracer.keep_features()?;
+    }
     tracer.restart(arguments.picture.seed)?;
     tracer.set_motion(Motion::seen_by(camera, scene, arguments.picture.scene.time))?;
     let mut progress = Progress::new(common.quiet);
@@ -579,6 +604,16 @@ fn render_reference(
                 )?)
             }
             None => Image::Radiance(tracer.radiance()?),
+        },
+        layers: match arguments.aov.is_empty() {
+            true => None,
+            false => Some(Layers {
+                radiance: tracer.radiance()?,
+                seen: output::Seen {
+                    features: tracer.features()?,
+                    variance: tracer.variance()?,
+                },
+            }),
         },
         samples: done.samples,
         scene_bytes_on_gpu: tracer.scene().bytes,

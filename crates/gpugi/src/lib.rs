@@ -20,6 +20,7 @@ extern crate self as gpugi;
 pub mod bake;
 pub mod capture;
 pub mod default_set;
+pub mod denoise;
 pub mod gpu;
 pub mod impostor;
 pub mod jobs;

@@ -12,6 +12,7 @@ use gpugi_scene::{Camera, LightKind, Scene};
 
 use crate::capture::{Lattice, SURFACE_POINT_BYTES, Target, View, VisiblePoint};
 use crate::default_set::{Techniques, default_set};
+use crate::denoise::{Features, OfPoints};
 use crate::gpu::{
     Frame, Gpu, GpuError, ReadBack, Timing, Timings, begin_read_buffer, begin_read_part,
     read_buffer,
@@ -23,7 +24,7 @@ use crate::scene::{Edit, GpuScene, Undo};
 use crate::sequences::{low_discrepancy, sobol};
 use crate::techniques::{Figure, Inspection, Map, Registry, Technique};
 use shutter::{Moment, Moving};
-use strips::{LitStrip, strips};
+use strips::{LitStrip, keep_features, strips};
 
 /// Renders one scene with a set of techniques at one size.
 #[derive(Debug)]
@@ -34,6 +35,8 @@ pub struct Renderer {
     size: [u32; 2],
     strips: Vec<LitStrip>,
     picture: Picture,
+    /// Adds what pixels see, if that is kept.
+    features: Option<OfPoints>,
     samples: u32,
     /// Samples that the picture will have.
     of: u32,
@@ -124,6 +127,7 @@ impl Renderer {
             lighting,
             size,
             strips,
+            features: None,
             samples: 0,
             of: 1,
             continues: false,
@@ -155,7 +159,10 @@ impl Renderer {
 
     /// As [`Renderer::resize`], in strips of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
-        let strips = strips(&self.gpu, &self.lighting, size, most_points)?;
+        let mut strips = strips(&self.gpu, &self.lighting, size, most_points)?;
+        if self.features.is_some() {
+            keep_features(&self.gpu, &mut strips)?;
+        }
         self.picture = self.picture.resized(&self.gpu, size)?;
         self.strips = strips;
         self.size = size;
@@ -592,6 +599,9 @@ impl Renderer {
             frame.flush();
             frame.clear(&strip.receiver.target.mirrored);
             self.lighting.gather(frame, &self.scene, &strip.receiver)?;
+            if let (Some(pass), Some(features)) = (&self.features, &strip.features) {
+                pass.record(frame, &strip.receiver, features)?;
+            }
         }
         if self.samples == 0 && !std::mem::take(&mut self.is_again) {
             self.picture.advance();
@@ -727,6 +737,31 @@ impl Renderer {
             let bytes = u64::from(strip.receiver.points.count) * SURFACE_POINT_BYTES;
             let words: Vec<u32> = read_buffer(&self.gpu, &strip.receiver.points.points, bytes)?;
             all.extend(words.chunks_exact(12).map(VisiblePoint::unpack));
+        }
+        Ok(all)
+    }
+
+    /// From the next sample on, keeps what pixels see of surfaces ([`Renderer::features`]): 80 bytes per pixel. To be
+    /// called before the first sample of a picture.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn keep_features(&mut self) -> Result<(), GpuError> {
+        self.features = Some(OfPoints::new(&self.gpu)?);
+        keep_features(&self.gpu, &mut self.strips)
+    }
+
+    /// What the pixels see of surfaces, over all samples of the picture, row by row from the top; empty without
+    /// [`Renderer::keep_features`].
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn features(&self) -> Result<Vec<Features>, GpuError> {
+        let mut all = Vec::new();
+        for strip in &self.strips {
+            if let Some(features) = &strip.features {
+                all.extend(read_buffer::<Features>(&self.gpu, features, features.size())?);
+            }
         }
         Ok(all)
     }

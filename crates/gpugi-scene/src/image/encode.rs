@@ -39,6 +39,31 @@ pub fn write_exr(file: impl Write + Seek, width: u32, height: u32, rgb: &[f32]) 
         .map_err(io::Error::other)
 }
 
+/// Writes an OpenEXR file of 32-bit floats with any channels: names, such as `ViewLayer.Depth.Z`, and width x height
+/// values each, row by row from the top.
+pub fn save_exr_layers(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: Vec<(String, Vec<f32>)>,
+) -> io::Result<()> {
+    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
+    for (_, values) in &channels {
+        check_length(width, height, 1, values.len())?;
+    }
+    let channels = channels.into_iter().map(|(name, values)| {
+        AnyChannel::new(exr::prelude::Text::new_or_panic(name), FlatSamples::F32(values))
+    });
+    let channels = AnyChannels::sort(channels.collect());
+    let image = Image::from_channels((width as usize, height as usize), channels);
+    replace_file(path, |file| {
+        image
+            .write()
+            .to_buffered(file)
+            .map_err(io::Error::other)
+    })
+}
+
 /// Writes a Radiance HDR file, in which three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].
 pub fn save_hdr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
     check_length(width, height, 3, rgb.len())?;

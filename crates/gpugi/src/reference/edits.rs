@@ -111,7 +111,7 @@ impl PathTracer {
             gpu,
             self.size,
             self.tile_side,
-            (&self.wavefront, self.photons.as_ref()),
+            (&self.wavefront, self.photons.as_ref(), self.looker.as_ref()),
             &self.parameters,
             (&self.noise_kernel, &self.shown_kernel),
         )?;

@@ -11,6 +11,7 @@ mod check;
 #[cfg(test)]
 mod edit_tests;
 mod edits;
+mod features;
 #[cfg(test)]
 mod light_tests;
 mod lights;
@@ -45,6 +46,7 @@ use crate::settings::SettingError;
 use crate::shader;
 use crate::shutter::{Motion, moment};
 use crate::techniques::{Cost, Info, Needs, Role};
+use features::Looker;
 use lit::{LightBuffers, Lit, has_straight};
 use photons::Photons;
 use picture::Sums;
@@ -169,10 +171,14 @@ pub struct PathTracer {
     size: [u32; 2],
     wavefront: Wavefront,
     photons: Option<Photons>,
+    looker: Option<Looker>,
+    /// Whether light passes through any surface.
+    has_transmission: bool,
     noise_kernel: Kernel,
     shown_kernel: Kernel,
     view: wgpu::Buffer,
     parameters: wgpu::Buffer,
+    automaton: wgpu::Buffer,
     tiles: Vec<Tile>,
     tile_side: u32,
     lit: Lit,
@@ -309,10 +315,13 @@ impl PathTracer {
             size,
             wavefront,
             photons,
+            looker: None,
+            has_transmission,
             noise_kernel,
             shown_kernel,
             view,
             parameters,
+            automaton,
             tiles: Vec::new(),
             tile_side,
             looks_for_lamps: lit.has_lamps,
@@ -370,6 +379,9 @@ impl PathTracer {
             frame.clear(&tile.film);
             if let Some(photons) = &tile.photons {
                 photons.clear(&mut frame);
+            }
+            if let Some(features) = &tile.features {
+                frame.clear(features);
             }
         }
         frame.submit()?;
@@ -647,6 +659,13 @@ impl PathTracer {
             _ => {
                 let mut batch = self.begin_paths(rays);
                 let (gpu, scene) = (&self.gpu, &self.scene);
+                if let (Some(looker), Some(features)) = (&self.looker, &tile.features)
+                    && self.samples < features::MOST_SAMPLES
+                {
+                    let mut frame = Frame::new(gpu, false);
+                    looker.record(&mut frame, scene, features, batch.blocks)?;
+                    frame.submit()?;
+                }
                 let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
                 Work::Paths(batch, state)
             }

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::PathTracer;
 use super::tile::{NOISE_PIXELS, sums_bytes};
-use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer};
+use crate::gpu::{Frame, GpuError, ReadBack, begin_read_buffer};
 use crate::lighting::LightingError;
 use crate::picture::Comparison;
 
@@ -19,6 +19,26 @@ pub(super) struct Place {
     pub tile_width: u32,
     pub tile_height: u32,
     pub image_width: u32,
+}
+
+/// `Pixel` of reference/film.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct FilmPixel {
+    mean: [f32; 3],
+    count: u32,
+    m2: [f32; 3],
+    segments: u32,
+}
+
+/// `PhotonPixel` of photons/film.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct PhotonPixel {
+    mean: [f32; 3],
+    weight: f32,
+    m2: [f32; 3],
+    passes: u32,
 }
 
 /// Sums of reference/noise.wesl over all tiles, on their way to the host.
@@ -104,31 +124,60 @@ impl PathTracer {
     pub fn begin_radiance(
         &self,
     ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, LightingError> {
+        self.begin_pixels(|pixel| pixel.mean, |photons| photons.mean)
+    }
+
+    /// Estimated variance of [`PathTracer::radiance`], in the same order.
+    ///
+    /// # Errors
+    /// [`LightingError::Gpu`].
+    pub fn variance(&self) -> Result<Vec<f32>, LightingError> {
+        // `variance_of_mean` of film.wesl and of photons/film.wesl.
+        let variance = self.begin_pixels(
+            |pixel| {
+                let n = pixel.count as f32;
+                pixel.m2.map(|m2| m2 / (n * (n - 1.0)).max(1.0))
+            },
+            |photons| {
+                let divisor = (photons.passes.max(2) - 1) as f32 * photons.weight;
+                photons.m2.map(|m2| m2 / divisor.max(1e-20))
+            },
+        )?;
+        self.gpu.wait()?;
+        Ok(pollster::block_on(variance)?)
+    }
+
+    /// Three floats per pixel, in rows from top to bottom: the sum of what `of_paths` and `of_photons` make of both films.
+    fn begin_pixels(
+        &self,
+        of_paths: fn(FilmPixel) -> [f32; 3],
+        of_photons: fn(PhotonPixel) -> [f32; 3],
+    ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, LightingError> {
         let [width, height] = self.size.map(|side| side as usize);
-        let read = |gpu: &Gpu, film: &wgpu::Buffer, pixels: u32| {
-            begin_read_buffer::<[f32; 8]>(gpu, film, u64::from(pixels) * 32)
-        };
         let mut tiles = Vec::new();
         for tile in &self.tiles {
-            let film = read(&self.gpu, &tile.film, tile.pixels())?;
+            let bytes = u64::from(tile.pixels()) * 32;
+            let film = begin_read_buffer::<FilmPixel>(&self.gpu, &tile.film, bytes)?;
             let photons = tile.photons.as_ref();
-            let photons = photons.map(|photons| read(&self.gpu, &photons.pixels, tile.pixels()));
+            let photons = photons
+                .map(|film| begin_read_buffer::<PhotonPixel>(&self.gpu, &film.pixels, bytes));
             tiles.push((tile.origin, tile.size, film, photons.transpose()?));
         }
         Ok(async move {
             let mut picture = vec![0.0; width * height * 3];
             for (origin, size, film, photons) in tiles {
                 let [x, y] = origin.map(|first| first as usize);
-                let mut film = film.await?;
+                let mut pixels: Vec<_> = film.await?.into_iter().map(of_paths).collect();
                 if let Some(photons) = photons {
-                    for (sum, more) in film.iter_mut().zip(photons.await?) {
+                    for (sum, more) in pixels.iter_mut().zip(photons.await?) {
+                        let more = of_photons(more);
                         (0..3).for_each(|channel| sum[channel] += more[channel]);
                     }
                 }
-                for (row, pixels) in film.chunks_exact(size[0] as usize).enumerate() {
+                for (row, pixels) in pixels.chunks_exact(size[0] as usize).enumerate() {
                     let first = (y + row) * width + x;
                     for (target, pixel) in picture[first * 3..].chunks_exact_mut(3).zip(pixels) {
-                        target.copy_from_slice(&pixel[..3]);
+                        target.copy_from_slice(pixel);
                     }
                 }
             }

@@ -1,8 +1,10 @@
 //! Tiles of an image: each has a film of its own, small enough for a binding.
 
+use super::features::Looker;
 use super::photons::{self, PhotonFilm, Photons};
 use super::picture::Place;
 use super::wavefront::Wavefront;
+use crate::denoise::Features;
 use crate::gpu::{Gpu, GpuError, Kernel};
 
 /// Size of `Pixel` in reference/film.wesl (bytes).
@@ -24,6 +26,8 @@ pub(super) struct Tile {
     pub shown_group: wgpu::BindGroup,
     /// The light tracer's part.
     pub photons: Option<PhotonFilm>,
+    /// What its pixels see of surfaces, if that is kept.
+    pub features: Option<wgpu::Buffer>,
 }
 
 impl Tile {
@@ -48,12 +52,13 @@ pub(super) fn tiles(
     gpu: &Gpu,
     size: [u32; 2],
     tile_side: u32,
-    (wavefront, light_tracer): (&Wavefront, Option<&Photons>),
+    (wavefront, light_tracer, looker): (&Wavefront, Option<&Photons>, Option<&Looker>),
     parameters: &wgpu::Buffer,
     (noise_kernel, shown_kernel): (&Kernel, &Kernel),
 ) -> Result<Vec<Tile>, GpuError> {
     let pixels = u64::from(size[0]) * u64::from(size[1]);
-    let bytes = PIXEL_BYTES + light_tracer.map_or(0, |_| photons::BYTES);
+    let of_features = looker.map_or(0, |_| size_of::<Features>() as u64);
+    let bytes = PIXEL_BYTES + light_tracer.map_or(0, |_| photons::BYTES) + of_features;
     let needed = pixels.saturating_mul(bytes);
     let no_memory = || GpuError::OutOfMemory {
         pass: format!(
@@ -120,6 +125,7 @@ pub(super) fn tiles(
                     ],
                 )?,
                 photons,
+                features: looker.map(|looker| looker.film(gpu, pixels)).transpose()?,
                 film,
                 sums,
             });

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target};
+use crate::denoise::OfPoints;
 use crate::gpu::{Gpu, GpuError};
 use crate::lighting::Lighting;
 use crate::picture::Strip;
@@ -13,6 +14,8 @@ pub(super) struct LitStrip {
     pub rows: Range<u32>,
     pub capture: Capture,
     pub receiver: Receiver,
+    /// What its pixels see of surfaces, if that is kept.
+    pub features: Option<wgpu::Buffer>,
 }
 
 impl LitStrip {
@@ -51,9 +54,18 @@ pub(super) fn strips(
             let target = Target::of_pixels(gpu, capture.points.count)?;
             Ok(LitStrip {
                 receiver: Receiver::new(&capture.points, &target),
+                features: None,
                 capture,
                 rows,
             })
         })
         .collect()
+}
+
+/// Keeps what the pixels of `strips` see of surfaces.
+pub(super) fn keep_features(gpu: &Gpu, strips: &mut [LitStrip]) -> Result<(), GpuError> {
+    for strip in strips {
+        strip.features = Some(OfPoints::film(gpu, strip.receiver.points.count)?);
+    }
+    Ok(())
 }

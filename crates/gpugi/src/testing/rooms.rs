@@ -11,7 +11,7 @@ const ORDER: &[&[&str]] = &[
     &["settings", "shared", "shutter", "stage"],
     &["scene"],
     &["capture", "prefiltered", "ray_bench"],
-    &["impostor", "lights", "probes"],
+    &["denoise", "impostor", "lights", "probes"],
     &["techniques"],
     &["lighting", "picture"],
     &["default_set", "reference", "bake"],

@@ -1,0 +1,7 @@
+//! Noise taken out of pictures: what pixels see of surfaces, and the filter that it guides.
+
+mod features;
+mod of_points;
+
+pub use features::Features;
+pub use of_points::OfPoints;
