@@ -69,7 +69,7 @@ impl Default for Limits {
             image_bytes: 8 << 30,
             scene_bytes: 8 << 30,
             expansion: 1024,
-            displaced_triangles: 1_000_000,
+            displaced_triangles: 1 << 20,
         }
     }
 }

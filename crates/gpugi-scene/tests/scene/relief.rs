@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, vec3};
 use gpugi_scene::{Limits, Material, Mesh, Pixels, Scene, import};
 use image::{ImageBuffer, ImageFormat, Luma, Pixel, Rgb};
 
@@ -213,7 +213,7 @@ fn planes_are_displaced_by_a_height_function() {
 fn cube(material: impl Fn(usize) -> &'static str) -> String {
     let mut obj = "mtllib a.mtl\n".to_owned();
     for corner in 0..8 {
-        let side = |axis: usize| ((corner >> axis & 1) * 2) as i32 - 1;
+        let side = |axis: usize| (corner >> axis & 1) * 2 - 1;
         obj += &format!("v {} {} {}\n", side(0), side(1), side(2));
     }
     obj += "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
@@ -287,6 +287,29 @@ fn closed_surfaces_stay_closed() {
 }
 
 #[test]
+fn seams_move_by_their_mean() {
+    let library = "newmtl a\ndisp -bm 0.3 a.png\nnewmtl b\ndisp -bm 0.6 a.png\n";
+    let obj = cube(|face| if face == 5 { "a" } else { "b" });
+    let white = png([2; 2], |_, _| Luma([255_u8]));
+    let scene = read_within(&Limits::default(), &obj, library, white);
+    let has = |wanted: Vec3| {
+        let is_near = |at: &Vec3| at.abs_diff_eq(wanted, 1e-5);
+        let found = scene
+            .meshes
+            .iter()
+            .any(|mesh| mesh.positions.iter().any(is_near));
+        assert!(found, "{wanted}: {:?}", scene.meshes[0].positions);
+    };
+    has(vec3(1.3, 0.0, 0.0));
+    has(vec3(-1.6, 0.0, 0.0));
+    // An edge and a corner of one material, and of both.
+    has(vec3(-1.0, 1.0, 0.0) + vec3(-1.0, 1.0, 0.0).normalize() * 0.6);
+    has(Vec3::splat(-1.0) - Vec3::ONE.normalize() * 0.6);
+    has(vec3(1.0, 1.0, 0.0) + vec3(1.0, 1.0, 0.0).normalize() * 0.45);
+    has(Vec3::ONE + Vec3::ONE.normalize() * 0.5);
+}
+
+#[test]
 fn a_smooth_sphere_stays_closed_and_smooth() {
     // Points of a sphere, from a cube of 4 x 4 squares a side; a seam of texture coordinates at each of its edges.
     let mut obj = "mtllib a.mtl\nusemtl a\n".to_owned();
@@ -299,8 +322,8 @@ fn a_smooth_sphere_stays_closed_and_smooth() {
                 let (axis, sign) = (side / 2, 2 * (side % 2) as i32 - 1);
                 let mut at = [0; 3];
                 at[axis] = 2 * sign;
-                at[(axis + 1) % 3] = (x as i32 - 2) * sign;
-                at[(axis + 2) % 3] = y as i32 - 2;
+                at[(axis + 1) % 3] = (x - 2) * sign;
+                at[(axis + 2) % 3] = y - 2;
                 let next = number.len() + 1;
                 let vertex = *number.entry(at).or_insert_with(|| {
                     let [x, y, z] = Vec3::from(at.map(|at| at as f32)).normalize().to_array();

@@ -34,16 +34,28 @@ impl Relief {
         (self.map.base + self.map.gain * height) * self.map.strength
     }
 
-    /// The greatest displacement (m), inward or outward; not finite if any is not.
+    /// The greatest displacement (m), inward or outward; infinite if any is no number.
     fn farthest(&self) -> f32 {
-        let [low, high] = self.levels[0]
-            .range()
-            .map(|height| self.displacement(height).abs());
-        if low > high || low.is_nan() {
-            low
-        } else {
-            high
+        let range = self.levels[0].range();
+        let distances = range.map(|height| self.displacement(height).abs());
+        let number = |distance: f32| {
+            if distance.is_nan() {
+                f32::INFINITY
+            } else {
+                distance
+            }
+        };
+        distances.map(number).into_iter().fold(0.0, f32::max)
+    }
+
+    /// Why a mesh cannot be displaced by it, if so; `farthest`: the greatest displacement allowed (m).
+    fn problem(&self, mesh: &Mesh, farthest: f32) -> Option<String> {
+        if mesh.uvs[0].is_empty() {
+            return Some("it has no texture coordinates".to_owned());
         }
+        let distance = self.farthest();
+        (distance > farthest)
+            .then(|| format!("by {distance} m, which is more than {FARTHEST} times the scene"))
     }
 }
 
@@ -70,15 +82,7 @@ pub fn displace(
             still.push(&*mesh);
             continue;
         };
-        let problem = if mesh.uvs[0].is_empty() {
-            Some("it has no texture coordinates".to_owned())
-        } else if !(relief.farthest() <= farthest) {
-            let most = relief.farthest();
-            Some(format!("{most} is more than {FARTHEST} times the scene"))
-        } else {
-            None
-        };
-        if let Some(problem) = problem {
+        if let Some(problem) = relief.problem(mesh, farthest) {
             let name = quoted(&mesh.name);
             warnings.push(format!("mesh \"{name}\" is not displaced: {problem}"));
             still.push(&*mesh);
@@ -88,9 +92,9 @@ pub fn displace(
         chosen.push(*relief);
     }
     let error = |reason: String| ImportError::new(file, "displacement", reason);
-    let triangles = displaced.iter().map(|mesh| mesh.indices.len() as u64 / 3);
-    let triangles = triangles.sum();
-    let (most, limit) = budget.displaced_triangles(triangles).map_err(error)?;
+    let indices: usize = displaced.iter().map(|mesh| mesh.indices.len()).sum();
+    let allowed = budget.displaced_triangles(indices as u64 / 3);
+    let (most, limit) = allowed.map_err(error)?;
     let before: Vec<[usize; 2]> = displaced.iter().map(|mesh| counts(mesh)).collect();
     let mut surfaces: Vec<Surface> = displaced
         .into_iter()
