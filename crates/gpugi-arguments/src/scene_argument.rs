@@ -43,7 +43,7 @@ pub struct SceneArguments {
     #[arg(long, value_name = "FOLDER")]
     pub files_from: Option<PathBuf>,
     /// Raises, or lowers, what files may ask for: file=BYTES, side=TEXELS, images=BYTES, scene=BYTES, expansion=N,
-    /// separated by commas; bytes may end in KiB, MiB or GiB (docs/security.md)
+    /// displacement=TRIANGLES, separated by commas; bytes may end in KiB, MiB or GiB (docs/security.md)
     #[arg(
         long,
         value_name = "NAME=VALUE,...",

@@ -19,6 +19,7 @@ const LIMITS: Limits = Limits {
     image_bytes: 4 << 20,
     scene_bytes: 16 << 20,
     expansion: 1024,
+    displaced_triangles: 10_000,
 };
 /// Memory that an import may take under these limits (bytes): twice what they allow, and copies of its files.
 const MOST: usize = 2 * (20 << 20);

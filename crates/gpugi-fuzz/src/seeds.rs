@@ -337,6 +337,7 @@ Kd 0.8 0.1 0
 Ks 0 0.5 0
 Ns 30
 map_Kd a.png
+disp -mm 0.5 2 -bm 0.01 a.png
 newmtl shiny
 Kd 0.9
 Ke 1 2 3
@@ -344,6 +345,7 @@ map_d -s 2 2 a.png
 norm -bm 0.5 a.png
 d 0.5
 newmtl metal
+map_Bump -clamp on -bm 0.5 a.png
 Pr 0.2
 Pm 1
 Ni 1.4

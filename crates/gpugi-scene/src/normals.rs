@@ -103,15 +103,16 @@ pub(crate) fn replace_zero_normals(mesh: &mut Mesh) -> usize {
     count
 }
 
-struct Face {
+/// What a triangle adds to the normals of its corners.
+pub(crate) struct Face {
     /// Unit vector; zero if the face has no area.
-    normal: DVec3,
+    pub normal: DVec3,
     /// Area times the angle at each corner, up to a common factor.
-    weights: [f64; 3],
+    pub weights: [f64; 3],
 }
 
 impl Face {
-    fn new([a, b, c]: [DVec3; 3]) -> Self {
+    pub fn new([a, b, c]: [DVec3; 3]) -> Self {
         let cross = (b - a).cross(c - a);
         let angle = |from: DVec3, to: DVec3| {
             let (from, to) = (from.normalize_or_zero(), to.normalize_or_zero());

@@ -12,6 +12,7 @@ const LIMITS: Limits = Limits {
     image_bytes: 1 << 24,
     scene_bytes: 1 << 24,
     expansion: 1024,
+    displaced_triangles: 10_000,
 };
 
 fuzz_target!(|bytes: &[u8]| {

@@ -11,6 +11,7 @@ const LIMITS: Limits = Limits {
     image_bytes: 1 << 24,
     scene_bytes: 1 << 24,
     expansion: 1024,
+    displaced_triangles: 10_000,
 };
 
 /// There are no other files.

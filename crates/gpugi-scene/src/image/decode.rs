@@ -5,6 +5,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, codecs};
 
+use super::heights::Heights;
 use super::size::{RADIANCE_TEXEL, check_expansion, decoder_limits, finish};
 use super::srgb::linear_from_srgb;
 use super::{exr, hdr, ktx2};
@@ -45,6 +46,27 @@ pub(crate) fn decode_color_within(
         height: texels.height(),
         pixels: Pixels::Rgba8(texels.into_raw()),
     })
+}
+
+/// Decodes a height map of a scene (PNG and JPEG of 8 or 16 bits, KTX2, EXR, HDR).
+pub(crate) fn decode_heights_within(
+    name: &str,
+    bytes: &[u8],
+    limits: &ImageLimits,
+) -> Result<Heights, ImportError> {
+    let image = match recognise(name, bytes)? {
+        Format::Ktx2 => ktx2::decode_color(name, bytes, limits)?,
+        Format::OpenExr => exr::decode(name, bytes, limits)?,
+        Format::Hdr => hdr::decode(name, bytes, limits)?,
+        Format::Other(format) => {
+            let decoded = decode(name, bytes, format, limits, COLOR_TEXEL)?;
+            let texels = decoded.to_luma32f();
+            let (width, height) = texels.dimensions();
+            return Ok(Heights::new(width, height, texels.into_raw()));
+        }
+    };
+    check_finite(&image)?;
+    Ok(Heights::of(&image))
 }
 
 /// Bytes of the texels that a PNG or JPEG claims to have, as material textures; 0 for others.

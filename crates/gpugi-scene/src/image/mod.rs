@@ -4,6 +4,7 @@ mod decode;
 mod encode;
 mod exr;
 mod hdr;
+mod heights;
 mod ktx2;
 mod ktx2_array;
 mod ktx2_volume;
@@ -16,9 +17,10 @@ mod srgb;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use decode::{claimed_bytes, decode_color_within};
+pub(crate) use decode::{claimed_bytes, decode_color_within, decode_heights_within};
 pub use decode::{decode_color, decode_radiance, load_radiance};
 pub use encode::{replace_file, save_exr, save_exr_layers, save_hdr, save_png, write_exr, write_png};
+pub(crate) use heights::{Heights, holds_normals};
 pub use ktx2::{HalfTexture, save_ktx2};
 pub(crate) use ktx2_array::{
     ArrayTexels, decode_byte, decode_half, decode_shared_exponent, encode as encode_array,

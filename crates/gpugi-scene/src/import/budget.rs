@@ -22,6 +22,11 @@ const SMOOTHED_VERTEX: usize = 192;
 /// Memory of a corner while tangents are generated (bytes): the face, the corner in two tables, and the new vertex in a
 /// third one and in the mesh.
 const TANGENT_CORNER: usize = 256;
+/// Memory of a triangle that displacement adds, and of the vertex that it may add (bytes).
+const DISPLACED: usize = 12 + VERTEX;
+/// Memory of a triangle while meshes are displaced (bytes): the vertex and the triangle in lists that may grow, its edges
+/// and its new vertex in tables, and the place and the normals of the vertex.
+const DISPLACING: usize = 512;
 
 /// The memory of one import. Everything whose size a file decides is charged here before it is allocated.
 #[derive(Debug)]
@@ -111,6 +116,33 @@ impl Budget {
         self.check(mesh.indices.len() as u64, TANGENT_CORNER)?;
         tangents::generate(mesh, 0);
         self.charge_new_vertices(vertices, mesh)
+    }
+
+    /// How many triangles meshes of `triangles` in total may have once they are displaced, and the limit that decides so,
+    /// as it is written. The error says that even `triangles` are too many.
+    pub fn displaced_triangles(&self, triangles: u64) -> Result<(u64, &'static str), String> {
+        let used = self.check(triangles, DISPLACING)?;
+        let by_size = self.limits.expanded(self.given.get());
+        let more = |most: u64| triangles + (most - used) / (DISPLACED + DISPLACING) as u64;
+        let limits = [
+            (self.limits.displaced_triangles, "displacement=N"),
+            (more(self.limits.scene_bytes), "scene=BYTES"),
+            (more(by_size), "expansion=N"),
+        ];
+        let least = limits.into_iter().min_by_key(|&(most, _)| most);
+        Ok(least.expect("there are three"))
+    }
+
+    /// Charges what displacement added to a mesh: numbers of vertices and of indices before and after.
+    pub fn charge_displaced(&self, before: [usize; 2], after: [usize; 2]) -> Result<(), String> {
+        let [vertices, indices] = [0, 1].map(|at| after[at].saturating_sub(before[at]) as u64);
+        self.charge(vertices, VERTEX)?;
+        self.charge(indices, size_of::<u32>())
+    }
+
+    /// Whether meshes may be displaced at all.
+    pub fn displaces(&self) -> bool {
+        self.limits.displaced_triangles > 0
     }
 
     /// Charges the vertices of `mesh` beyond the first `vertices`, which were charged before.

@@ -16,11 +16,14 @@ pub struct Limits {
     /// Maximum memory per byte of input, beyond 256 MiB (1 GiB for images). It stops short files that claim to hold
     /// much.
     pub expansion: u64,
+    /// Maximum number of triangles of all displaced meshes of a scene together: displacement is coarser beyond. 0 turns
+    /// displacement off.
+    pub displaced_triangles: u64,
 }
 
 impl Limits {
-    /// Changes limits as `text` says: `file=BYTES,side=TEXELS,images=BYTES,scene=BYTES,expansion=N`, any of them. Bytes
-    /// may end in KiB, MiB or GiB.
+    /// Changes limits as `text` says: `file=BYTES,side=TEXELS,images=BYTES,scene=BYTES,expansion=N,displacement=N`, any of
+    /// them. Bytes may end in KiB, MiB or GiB.
     ///
     /// # Errors
     /// Which part of the text is wrong, and what it may be.
@@ -28,7 +31,7 @@ impl Limits {
         for part in text.split(',').filter(|part| !part.trim().is_empty()) {
             let wrong = || {
                 format!(
-                    "\"{}\" is no limit; limits are file, side, images, scene and expansion, as in scene=8GiB",
+                    "\"{}\" is no limit; limits are file, side, images, scene, expansion and displacement, as in scene=8GiB",
                     quoted(part)
                 )
             };
@@ -40,6 +43,7 @@ impl Limits {
                 "images" => self.image_bytes = value,
                 "scene" => self.scene_bytes = value,
                 "expansion" => self.expansion = value,
+                "displacement" => self.displaced_triangles = value,
                 _ => return Err(wrong()),
             }
         }
@@ -65,6 +69,7 @@ impl Default for Limits {
             image_bytes: 8 << 30,
             scene_bytes: 8 << 30,
             expansion: 1024,
+            displaced_triangles: 1 << 20,
         }
     }
 }

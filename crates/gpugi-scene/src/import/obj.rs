@@ -3,15 +3,18 @@
 //! The parsers are custom so that errors name their line, which OBJ crates do not report, and so that no damaged file
 //! makes them panic or allocate more than the file's own size suggests.
 
+mod displace;
 mod geometry;
 mod material;
 mod numbers;
+mod refine;
 mod texture;
 
 use std::collections::HashSet;
 
 use glam::Mat4;
 
+use self::displace::displace;
 use self::geometry::Geometry;
 use self::material::Library;
 use super::budget::Budget;
@@ -42,6 +45,7 @@ pub fn import(
 
     let mut default_materials = [None; 2];
     let mut missing = HashSet::new();
+    let (mut meshes, mut materials) = (Vec::new(), Vec::new());
     for part in geometry.parts {
         let found = part.material.as_deref().and_then(|name| library.find(name));
         let material = found.unwrap_or_else(|| {
@@ -56,16 +60,24 @@ pub fn import(
             *default_materials[usize::from(is_colored)]
                 .get_or_insert_with(|| scene.add_material(default_material(is_colored)))
         });
-
         let mut mesh = part.mesh;
-        let mut completed = Ok(());
         if mesh.normals.is_empty() {
-            completed = budget.smooth_normals(&mut mesh);
+            let smoothed = budget.smooth_normals(&mut mesh);
+            smoothed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         }
+        meshes.push(mesh);
+        materials.push(material);
+    }
+
+    let reliefs = materials.iter().map(|&material| library.relief(material));
+    let reliefs: Vec<_> = reliefs.collect();
+    displace(name, &mut meshes, &reliefs, &budget, &mut scene.warnings)?;
+
+    for (mut mesh, material) in meshes.into_iter().zip(materials) {
         if scene.materials[material].normal_texture.is_some() {
-            completed = completed.and_then(|()| budget.tangents(&mut mesh));
+            let completed = budget.tangents(&mut mesh);
+            completed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         }
-        completed.map_err(|reason| ImportError::new(name, quoted(&mesh.name), reason))?;
         let name = mesh.name.clone();
         let mesh = scene.add_mesh(mesh);
         let instance = scene.add_instance("", mesh, material, Mat4::IDENTITY);

@@ -15,6 +15,7 @@ const LIMITS: Limits = Limits {
     image_bytes: 1 << 16,
     scene_bytes: 0,
     expansion: 1024,
+    displaced_triangles: 0,
 };
 
 fn encoded(image: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {

@@ -16,6 +16,7 @@ mod metrics;
 mod obj;
 mod ply;
 mod random;
+mod relief;
 mod serialized;
 mod station;
 mod untrusted;

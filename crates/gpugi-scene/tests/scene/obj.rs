@@ -9,11 +9,12 @@ use gpugi_scene::{
 
 use crate::random::Random;
 
+/// Files by name.
 #[derive(Default)]
-struct Files(HashMap<&'static str, Vec<u8>>);
+pub struct Files(HashMap<&'static str, Vec<u8>>);
 
 impl Files {
-    fn with(mut self, name: &'static str, bytes: impl Into<Vec<u8>>) -> Self {
+    pub fn with(mut self, name: &'static str, bytes: impl Into<Vec<u8>>) -> Self {
         self.0.insert(name, bytes.into());
         self
     }
@@ -195,9 +196,9 @@ fn other_statements() {
         (metal.roughness, metal.metallic, metal.ior),
         (0.3, 1.0, 1.4)
     );
-    let (_, scene) = material("map_Bump bumps.png\nmap_Ks shine.png", none());
-    assert!(scene.warnings[0].contains("test.mtl: MTL statement \"map_Bump\""));
-    assert!(scene.warnings[1].contains("map_Ks"));
+    let (_, scene) = material("map_Ks shine.png\nrefl mirror.png", none());
+    assert!(scene.warnings[0].contains("test.mtl: MTL statement \"map_Ks\""));
+    assert!(scene.warnings[1].contains("refl"));
 }
 
 #[test]

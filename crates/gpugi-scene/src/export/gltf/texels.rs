@@ -43,6 +43,7 @@ pub fn imported(
         file_bytes: u64::MAX,
         image_bytes: u64::MAX,
         image_side: u32::MAX,
+        displaced_triangles: u64::MAX,
     };
     let glb = output.clone().glb()?;
     let scene = gltf::import("baked.glb", &glb, resolver, &limits)?;

@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
+use super::displace::Relief;
 use super::numbers::numbers;
 use super::texture::{Map, Textures};
 use crate::import::budget::Budget;
@@ -17,6 +18,8 @@ pub struct Library<'a> {
     budget: &'a Budget,
     textures: Textures<'a>,
     by_name: HashMap<String, usize>,
+    /// Of the materials that displace their surfaces.
+    reliefs: HashMap<usize, Relief>,
     /// The arguments and files that have been read.
     known: HashSet<String>,
 }
@@ -42,8 +45,21 @@ struct Entry {
 /// Memory of a material (bytes), as parsed and in the scene, without its names.
 const MATERIAL_BYTES: usize = 2 * size_of::<Entry>() + 2 * size_of::<Material>();
 
-/// Supported maps, by keyword.
-const MAPS: [&str; 4] = ["map_Kd", "map_Ke", "map_d", "norm"];
+/// Supported maps: keywords, and what stands for them.
+const MAPS: [(&str, &str); 10] = [
+    ("map_Kd", "map_Kd"),
+    ("map_Ke", "map_Ke"),
+    ("map_d", "map_d"),
+    ("norm", "norm"),
+    ("bump", "bump"),
+    ("map_bump", "bump"),
+    ("map_Bump", "bump"),
+    ("disp", "disp"),
+    ("map_disp", "disp"),
+    ("map_Disp", "disp"),
+];
+/// The strongest normal maps: numbers beyond would overflow in shaders.
+const STRONGEST: f32 = 1000.0;
 
 impl<'a> Library<'a> {
     pub fn new(resolver: &'a dyn Resolver, budget: &'a Budget) -> Self {
@@ -52,6 +68,7 @@ impl<'a> Library<'a> {
             budget,
             textures: Textures::new(resolver, budget),
             by_name: HashMap::new(),
+            reliefs: HashMap::new(),
             known: HashSet::new(),
         }
     }
@@ -59,6 +76,11 @@ impl<'a> Library<'a> {
     /// Index of the material called `name` in the scene.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.by_name.get(name).copied()
+    }
+
+    /// How far surfaces of a material of the scene rise along their normals, if they do.
+    pub fn relief(&self, material: usize) -> Option<&Relief> {
+        self.reliefs.get(&material)
     }
 
     /// Adds the libraries of a `mtllib` line to the scene. The line holds either one name, possibly with spaces, or
@@ -128,8 +150,13 @@ impl<'a> Library<'a> {
         }
         for entry in entries {
             let name = entry.name.clone();
-            let material = entry.material(&mut self.textures, scene);
+            entry.note_broken_maps(scene);
+            let relief = entry.relief(&mut self.textures, self.budget, scene);
+            let material = entry.material(&mut self.textures, relief.as_ref(), scene);
             let material = scene.add_material(material);
+            if let Some(relief) = relief {
+                self.reliefs.insert(material, relief);
+            }
             self.by_name.insert(name, material);
         }
         Ok(())
@@ -158,7 +185,7 @@ impl Entry {
             "Ni" => self.ior = one()?,
             "illum" => self.illumination = one()?,
             _ => {
-                let Some(map) = MAPS.iter().find(|map| **map == keyword) else {
+                let Some((_, map)) = MAPS.iter().find(|(known, _)| *known == keyword) else {
                     return Ok(false);
                 };
                 self.maps.insert(map, Map::parse(rest));
@@ -167,7 +194,47 @@ impl Entry {
         Ok(true)
     }
 
-    fn material(&self, textures: &mut Textures, scene: &mut Scene) -> Material {
+    fn note_broken_maps(&self, scene: &mut Scene) {
+        let mut broken: Vec<_> = self.maps.iter().filter(|(_, map)| map.is_broken).collect();
+        broken.sort_by_key(|(keyword, _)| **keyword);
+        for (keyword, _) in broken {
+            let name = quoted(&self.name);
+            let warning = format!(
+                "material \"{name}\": numbers of {keyword} that are not finite are ignored"
+            );
+            scene.warnings.push(warning);
+        }
+    }
+
+    /// What `disp` says; `None`, with a warning, if it cannot be read or is not allowed.
+    fn relief(
+        &self,
+        textures: &mut Textures,
+        budget: &Budget,
+        scene: &mut Scene,
+    ) -> Option<Relief> {
+        let map = self.maps.get("disp")?;
+        if !budget.displaces() {
+            let name = quoted(&self.name);
+            let warning = format!(
+                "material \"{name}\": its displacement is left out; --limits displacement=N allows it"
+            );
+            scene.warnings.push(warning);
+            return None;
+        }
+        let levels = textures.heights(&map.file, scene)?;
+        Some(Relief {
+            levels,
+            map: map.clone(),
+        })
+    }
+
+    fn material(
+        &self,
+        textures: &mut Textures,
+        relief: Option<&Relief>,
+        scene: &mut Scene,
+    ) -> Material {
         let map = |name: &str| self.maps.get(name);
         let alpha = self
             .alpha
@@ -192,9 +259,25 @@ impl Entry {
         let without = if map("map_Ke").is_some() { 1.0 } else { 0.0 };
         material.emissive = self.ke.unwrap_or(Vec3::splat(without)).max(Vec3::ZERO);
         material.emissive_texture = map("map_Ke").and_then(|map| textures.texture(map, scene));
-        if let Some(map) = map("norm") {
-            material.normal_texture = textures.texture(map, scene);
-            material.normal_scale = map.strength;
+        // What has been displaced by an image would slope twice if its normals did, too.
+        let is_displaced = |map: &&Map| relief.is_some_and(|relief| relief.map.file == map.file);
+        let bump = map("bump").filter(|map| !is_displaced(map));
+        let normals = match map("norm") {
+            Some(map) => textures
+                .texture(map, scene)
+                .map(|texture| (texture, map.strength)),
+            None => bump.and_then(|map| textures.bump(map, scene)),
+        };
+        if let Some((texture, scale)) = normals {
+            material.normal_texture = Some(texture);
+            material.normal_scale = scale.clamp(-STRONGEST, STRONGEST);
+            if scale.abs() > STRONGEST {
+                let name = quoted(&self.name);
+                let warning = format!(
+                    "material \"{name}\": a normal map of strength {scale} has {STRONGEST}, the most"
+                );
+                scene.warnings.push(warning);
+            }
         }
         material
     }

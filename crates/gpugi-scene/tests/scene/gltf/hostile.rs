@@ -83,6 +83,7 @@ fn survives(name: &str, bytes: &[u8], cases: u64) {
         image_bytes: 1 << 22,
         scene_bytes: 1 << 24,
         expansion: 1024,
+        displaced_triangles: 0,
     };
     let mut imported = 0;
     for case in 1..=cases {

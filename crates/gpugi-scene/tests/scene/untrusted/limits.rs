@@ -64,7 +64,7 @@ fn large_meshes_without_normals() {
 fn limits_are_set_by_text() {
     let mut limits = Limits::default();
     limits
-        .set("file=3, side=5,images=2KiB,scene=7 MiB,expansion=9")
+        .set("file=3, side=5,images=2KiB,scene=7 MiB,expansion=9,displacement=10")
         .unwrap();
     let expected = Limits {
         file_bytes: 3,
@@ -72,6 +72,7 @@ fn limits_are_set_by_text() {
         image_bytes: 2048,
         scene_bytes: 7 << 20,
         expansion: 9,
+        displaced_triangles: 10,
     };
     assert_eq!(limits, expected);
     for wrong in [
