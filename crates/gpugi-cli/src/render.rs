@@ -74,6 +74,9 @@ pub struct Arguments {
     /// Also write these as layers of an EXR file, over all samples: OUTPUT if that is one, or else OUTPUT with .exr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
+    /// Filter noise out of the path tracer's picture
+    #[arg(long)]
+    denoise: bool,
 }
 
 /// Default samples per pixel for techniques, and with a lens or an open shutter.
@@ -560,7 +563,7 @@ fn render_reference(
     }
     print_notes(common, notes);
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
-    if !arguments.aov.is_empty() {
+    if arguments.denoise || !arguments.aov.is_empty() {
         tracer.keep_features()?;
     }
     tracer.restart(arguments.picture.seed)?;
@@ -594,16 +597,19 @@ fn render_reference(
         reference::INFO.name.to_owned(),
         serde_json::to_value(tracer.settings())?,
     );
+    let radiance = match arguments.denoise {
+        true => tracer.denoised()?,
+        false => tracer.radiance()?,
+    };
     Ok(Rendered {
         image: match shown {
             Some(effects) => {
-                let radiance = tracer.radiance()?;
                 let size = arguments.size;
                 Image::Pixels(picture::developed_of(
                     gpu, size, &radiance, camera, effects,
                 )?)
             }
-            None => Image::Radiance(tracer.radiance()?),
+            None => Image::Radiance(radiance),
         },
         layers: match arguments.aov.is_empty() {
             true => None,

@@ -1,7 +1,9 @@
 //! Noise taken out of pictures: what pixels see of surfaces, and the filter that it guides.
 
 mod features;
+mod filter;
 mod of_points;
 
 pub use features::Features;
+pub use filter::{Denoiser, Window};
 pub use of_points::OfPoints;

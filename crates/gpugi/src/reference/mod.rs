@@ -8,6 +8,7 @@
 
 mod alias;
 mod check;
+mod denoised;
 #[cfg(test)]
 mod edit_tests;
 mod edits;

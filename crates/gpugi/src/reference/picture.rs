@@ -10,7 +10,7 @@ use crate::gpu::{Frame, GpuError, ReadBack, begin_read_buffer};
 use crate::lighting::LightingError;
 use crate::picture::Comparison;
 
-/// `Place` of reference/shown.wesl.
+/// `Place` of reference/place.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub(super) struct Place {

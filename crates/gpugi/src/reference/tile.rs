@@ -19,6 +19,8 @@ pub(super) const NOISE_PIXELS: u32 = 1024;
 pub(super) struct Tile {
     pub origin: [u32; 2],
     pub size: [u32; 2],
+    /// Where it lies: `Place` of picture.rs.
+    pub place: wgpu::Buffer,
     pub film: wgpu::Buffer,
     pub film_group: wgpu::BindGroup,
     pub sums: wgpu::Buffer,
@@ -125,6 +127,7 @@ pub(super) fn tiles(
                     ],
                 )?,
                 photons,
+                place,
                 features: looker.map(|looker| looker.film(gpu, pixels)).transpose()?,
                 film,
                 sums,
