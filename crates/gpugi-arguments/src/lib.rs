@@ -52,10 +52,14 @@ where
 /// The word that `--technique` has for no technique at all.
 pub const NO_TECHNIQUE: &str = "none";
 
-/// The names of techniques that `--technique` holds; `None` without the option.
+/// The word that `--technique` has for the default set of techniques, where something else is the default.
+pub const DEFAULT_TECHNIQUES: &str = "default";
+
+/// The names of techniques that `--technique` holds; `None` for the default set.
 pub fn technique_names(option: &[String]) -> Option<Vec<String>> {
     match option {
         [] => None,
+        [word] if word == DEFAULT_TECHNIQUES => None,
         [word] if word == NO_TECHNIQUE => Some(Vec::new()),
         names => Some(names.to_vec()),
     }

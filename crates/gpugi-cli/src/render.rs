@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use gpugi::default_set::DefaultSet;
+use gpugi::default_set::{DefaultSet, StillPicture};
 use gpugi::gpu::{Gpu, Timing};
 use gpugi::picture::{self, Effects, Shown};
 use gpugi::reference::{self, PathTracer};
@@ -13,7 +13,7 @@ use gpugi::{LightingError, Motion, Purpose, Readiness, Renderer, Techniques, def
 use gpugi_arguments::{DisplayArguments, parse_size, split_settings, technique_names};
 use gpugi_scene::{Camera, Scene};
 
-use crate::explain::{Costs, explain};
+use crate::explain::{Costs, explain, explain_path_tracer};
 use crate::output::{self, Aov, Format, write_json};
 use crate::progress::Progress;
 use crate::scene_argument::{self, SceneArguments};
@@ -32,8 +32,8 @@ pub struct PictureArguments {
     /// How pictures are displayed.
     #[command(flatten)]
     pub display: DisplayArguments,
-    /// Techniques, separated by commas, or path-tracer, or none (default: what suits the scene, and a still picture or
-    /// frames in motion; see gpugi render --explain)
+    /// Techniques, separated by commas, or path-tracer, or none, or default: those that suit the scene, and a still picture
+    /// or frames in motion. Without it, default, but for gpugi render on a discrete GPU: path-tracer (see --explain)
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub technique: Vec<String>,
     /// A technique's setting, or an effect's (repeatable)
@@ -62,7 +62,7 @@ pub struct Arguments {
     #[arg(long)]
     explain: bool,
     /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 64 if lens or shutter blur the
-    /// picture; 256 for the path tracer)
+    /// picture; 256 for --technique path-tracer; as many as it needs, but no more than 512, where that is the default)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,
     /// Write a report of what was rendered, on what and how fast
@@ -74,7 +74,7 @@ pub struct Arguments {
     /// Also write these as layers of an EXR file, over all samples: OUTPUT if that is one, or else OUTPUT with .exr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
-    /// Filter noise out of the path tracer's picture
+    /// Filter the noise out of the path tracer's picture; without --technique, a PNG is filtered, EXR and HDR are not
     #[arg(long)]
     denoise: bool,
 }
@@ -289,7 +289,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ..arguments.clone()
     };
     let picture = &arguments.picture;
-    let with_path_tracer = is_path_tracer(&picture.technique)?;
+    is_path_tracer(&picture.technique)?;
     let (scene, mut notes) = scene_argument::load(&picture.scene)?;
     let size = arguments.size;
     let camera = scene_argument::camera(
@@ -301,10 +301,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
     let shown = (format == Format::Png).then_some(&effects);
-    let rendered = if with_path_tracer {
-        render_reference(common, arguments, &gpu, &scene, &camera, shown, &notes)?
-    } else {
-        render_techniques(common, arguments, &gpu, &scene, &camera, shown, &mut notes)?
+    let rendered = match path_tracing(arguments, format, &gpu)? {
+        Some(tracing) => {
+            render_reference(common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes)?
+        }
+        None => render_techniques(common, arguments, &gpu, &scene, &camera, shown, &mut notes)?,
     };
     match &rendered.image {
         Image::Pixels(pixels) => output::write_png(&arguments.output, size, pixels)?,
@@ -348,6 +349,59 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// How the path tracer makes the picture.
+struct Tracing {
+    settings: reference::Settings,
+    samples: u32,
+    is_denoised: bool,
+    /// Nobody named it.
+    is_default: bool,
+}
+
+/// How the path tracer makes the picture, if it does: because it was named, or because it is the default on this adapter
+/// and no option asks for something of techniques.
+fn path_tracing(
+    arguments: &Arguments,
+    format: Format,
+    gpu: &Gpu,
+) -> anyhow::Result<Option<Tracing>> {
+    let picture = &arguments.picture;
+    if is_path_tracer(&picture.technique)? {
+        return Ok(Some(Tracing {
+            settings: path_tracer_settings(&picture.set)?,
+            samples: arguments.samples.unwrap_or(PATH_TRACER_SAMPLES),
+            is_denoised: arguments.denoise,
+            is_default: false,
+        }));
+    }
+    let settings = split_settings(&picture.set)?;
+    let is_of_techniques = |[technique, _, _]: &[&str; 3]| *technique != reference::INFO.name;
+    let asks_for_techniques = !picture.technique.is_empty()
+        || arguments.dump_maps.is_some()
+        || settings.iter().any(is_of_techniques);
+    match StillPicture::on(&gpu.adapter) {
+        StillPicture::PathTracer { samples, noise } if !asks_for_techniques => {
+            let mut settings = path_tracer_settings(&picture.set)?;
+            if settings.noise == 0.0 && arguments.samples.is_none() {
+                settings.noise = noise;
+            }
+            Ok(Some(Tracing {
+                settings,
+                samples: arguments.samples.unwrap_or(samples),
+                is_denoised: arguments.denoise || format == Format::Png,
+                is_default: true,
+            }))
+        }
+        _ if arguments.denoise => Err(Usage(
+            "--denoise filters the noise of --technique path-tracer. Techniques have none that a filter could tell from the \
+             picture: neighbouring pixels share the same directions and points of lights"
+                .into(),
+        )
+        .into()),
+        _ => Ok(None),
+    }
 }
 
 /// Prints notes for the user.
@@ -544,32 +598,38 @@ fn render_techniques(
     })
 }
 
+#[allow(clippy::too_many_arguments)]
 fn render_reference(
     common: &Common,
     arguments: &Arguments,
+    tracing: &Tracing,
     gpu: &Gpu,
     scene: &Scene,
     camera: &Camera,
     shown: Option<&Effects>,
-    notes: &[String],
+    notes: &mut Vec<String>,
 ) -> anyhow::Result<Rendered> {
-    let settings = path_tracer_settings(&arguments.picture.set)?;
-    if arguments.dump_maps.is_some() || arguments.explain {
+    if !tracing.is_default && (arguments.dump_maps.is_some() || arguments.explain) {
         return Err(Usage(
             "--dump-maps and --explain are about techniques and what they keep; path-tracer keeps nothing and adds all light"
                 .into(),
         )
         .into());
     }
+    let settings = &tracing.settings;
+    let mut tracer = PathTracer::new(gpu, scene, arguments.size, settings).map_err(usage)?;
+    let left_out = tracer.left_out();
+    if tracing.is_default && !left_out.is_empty() {
+        notes.push(format!("not in this picture: {}", left_out.join("; ")));
+    }
     print_notes(common, notes);
-    let mut tracer = PathTracer::new(gpu, scene, arguments.size, &settings).map_err(usage)?;
-    if arguments.denoise || !arguments.aov.is_empty() {
+    if tracing.is_denoised || !arguments.aov.is_empty() {
         tracer.keep_features()?;
     }
     tracer.restart(arguments.picture.seed)?;
     tracer.set_motion(Motion::seen_by(camera, scene, arguments.picture.scene.time))?;
     let mut progress = Progress::new(common.quiet);
-    let samples = arguments.samples.unwrap_or(PATH_TRACER_SAMPLES);
+    let samples = tracing.samples;
     let done = tracer.render(camera, samples, &mut |state| {
         let noise = state.noise.map_or(String::new(), |noise| {
             format!(", estimated rel-mse {noise:.2e}")
@@ -597,7 +657,11 @@ fn render_reference(
         reference::INFO.name.to_owned(),
         serde_json::to_value(tracer.settings())?,
     );
-    let radiance = match arguments.denoise {
+    if arguments.explain && !common.quiet {
+        explain_path_tracer(gpu, &done, noise, settings.noise, tracing.is_denoised);
+    }
+    // One sample says nothing about its noise.
+    let radiance = match tracing.is_denoised && done.samples > 1 {
         true => tracer.denoised()?,
         false => tracer.radiance()?,
     };
@@ -624,7 +688,7 @@ fn render_reference(
         samples: done.samples,
         scene_bytes_on_gpu: tracer.scene().bytes,
         techniques,
-        left_out: Vec::new(),
+        left_out,
         maps_seconds: None,
         passes_of_last_sample: Vec::new(),
         estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),

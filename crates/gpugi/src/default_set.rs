@@ -72,6 +72,36 @@ impl DefaultSet {
     }
 }
 
+/// What makes a still picture, unless somebody chooses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StillPicture {
+    /// The default set of techniques.
+    Techniques,
+    /// The path tracer: so many samples, or fewer once its estimated relative mean squared error falls to `noise`. Its
+    /// picture is then denoised.
+    PathTracer {
+        /// Most samples per pixel.
+        samples: u32,
+        /// Enough, for its setting `noise`.
+        noise: f64,
+    },
+}
+
+impl StillPicture {
+    /// What has the least error for its time on this kind of adapter (docs/equal-time.md). On large GPUs the path tracer
+    /// has traced hundreds of samples before the maps of techniques are final; in software, maps are cheaper than rays.
+    /// Others were not measured: there it is the techniques.
+    pub fn on(adapter: &AdapterSummary) -> Self {
+        match adapter.device_type {
+            wgpu::DeviceType::DiscreteGpu => Self::PathTracer {
+                samples: 512,
+                noise: 2e-4,
+            },
+            _ => Self::Techniques,
+        }
+    }
+}
+
 /// The techniques that light a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Techniques {

@@ -352,6 +352,14 @@ impl PathTracer {
         &self.settings
     }
 
+    /// Light that exists in the scene and that the picture lacks: a few words each.
+    pub fn left_out(&self) -> Vec<String> {
+        match self.photons.is_some() && self.scene.lights.len() > 0 {
+            true => vec!["caustics of points, spots and directions where mirrors and glass show them".into()],
+            false => Vec::new(),
+        }
+    }
+
     /// Width and height of the picture (pixels).
     pub fn size(&self) -> [u32; 2] {
         self.size
