@@ -46,13 +46,7 @@ impl Costs {
 }
 
 /// Prints why the path tracer made a picture for which nobody named it.
-pub fn explain_path_tracer(
-    gpu: &Gpu,
-    done: &Progress,
-    noise: f64,
-    enough: f64,
-    is_denoised: bool,
-) {
+pub fn explain_path_tracer(gpu: &Gpu, done: &Progress, noise: f64, enough: f64, is_denoised: bool) {
     println!(
         "path-tracer on {} ({}): on discrete GPUs it has less error than the techniques in the time that these take for their maps
   all light, {} of {} samples per pixel; estimated rel-mse {noise:.1e}{}

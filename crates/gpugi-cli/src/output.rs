@@ -201,7 +201,13 @@ pub fn write_layers(
         let (name, of_layer) = aov.layer();
         for (index, channel) in of_layer.chars().enumerate() {
             let values = match aov {
-                Aov::Variance => seen.variance.iter().skip(index).step_by(3).copied().collect(),
+                Aov::Variance => seen
+                    .variance
+                    .iter()
+                    .skip(index)
+                    .step_by(3)
+                    .copied()
+                    .collect(),
                 _ => {
                     let features = seen.features.iter();
                     features.map(|seen| aov.value(seen, scene)[index]).collect()

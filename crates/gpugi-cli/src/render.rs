@@ -301,10 +301,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
     let shown = (format == Format::Png).then_some(&effects);
-    let rendered = match path_tracing(arguments, format, &gpu)? {
-        Some(tracing) => {
-            render_reference(common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes)?
-        }
+    let rendered = match path_tracing(arguments, format, &effects, &gpu)? {
+        Some(tracing) => render_reference(
+            common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes,
+        )?,
         None => render_techniques(common, arguments, &gpu, &scene, &camera, shown, &mut notes)?,
     };
     match &rendered.image {
@@ -365,6 +365,7 @@ struct Tracing {
 fn path_tracing(
     arguments: &Arguments,
     format: Format,
+    effects: &Effects,
     gpu: &Gpu,
 ) -> anyhow::Result<Option<Tracing>> {
     let picture = &arguments.picture;
@@ -380,6 +381,8 @@ fn path_tracing(
     let is_of_techniques = |[technique, _, _]: &[&str; 3]| *technique != reference::INFO.name;
     let asks_for_techniques = !picture.technique.is_empty()
         || arguments.dump_maps.is_some()
+        // It follows the lights that a renderer lists.
+        || effects.flare.strength > 0.0
         || settings.iter().any(is_of_techniques);
     match StillPicture::on(&gpu.adapter) {
         StillPicture::PathTracer { samples, noise } if !asks_for_techniques => {

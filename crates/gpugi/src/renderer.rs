@@ -760,7 +760,11 @@ impl Renderer {
         let mut all = Vec::new();
         for strip in &self.strips {
             if let Some(features) = &strip.features {
-                all.extend(read_buffer::<Features>(&self.gpu, features, features.size())?);
+                all.extend(read_buffer::<Features>(
+                    &self.gpu,
+                    features,
+                    features.size(),
+                )?);
             }
         }
         Ok(all)

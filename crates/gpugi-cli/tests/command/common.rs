@@ -1,6 +1,6 @@
 //! What the tests of the command share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 /// The command, not yet run.
@@ -21,6 +21,16 @@ pub fn folder(name: &str) -> PathBuf {
     std::fs::remove_dir_all(&folder).ok();
     std::fs::create_dir_all(&folder).expect("a temporary folder");
     folder
+}
+
+/// A channel of an EXR file with layers, such as `Depth.Z`.
+pub fn channel(path: &Path, name: &str) -> Vec<f32> {
+    let image = exr::prelude::read_first_flat_layer_from_file(path).expect("an EXR file");
+    let name = format!("ViewLayer.{name}");
+    let mut channels = image.layer_data.channel_data.list.iter();
+    let found = channels.find(|channel| channel.name.to_string() == name);
+    let found = found.unwrap_or_else(|| panic!("no channel {name}"));
+    found.sample_data.values_as_f32().collect()
 }
 
 /// Whether `GPUGI_SKIP_GPU=1` asks to leave out what needs an adapter.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::common::{command, folder, gpugi, skip_gpu};
+use crate::common::{channel, command, folder, gpugi, skip_gpu};
 
 /// Linear radiance of a picture.
 fn radiance(path: &Path) -> Vec<f32> {
@@ -77,7 +77,7 @@ fn refuses_what_does_not_fit_together() {
         (["--set", "path-tracer.lights=moon"], "punctual"),
         (["--set", "path-tracer.max-bounces=-1"], "range"),
         (["--set", "shadow-map.taps=4"], "shadow-map"),
-        (["--aov", "depth"], "--aov"),
+        (["--dump-maps", "maps"], "--dump-maps"),
     ] {
         let mut arguments = vec!["render", "cornell", "-o", "x.png", "--size", "8x8"];
         if options[0] != "--technique" {
@@ -148,4 +148,110 @@ fn interrupted_it_keeps_what_is_done() {
     assert!(output.status.success(), "{message}");
     assert!(message.contains("of 1000000 samples"), "{message}");
     assert!(mean(&radiance(&path)) > 0.26, "black");
+}
+
+#[test]
+fn layers_hold_what_samples_see() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("layers");
+    let render = |name: &str, technique: &str, more: &[&str]| {
+        let path = folder.join(name);
+        let text = path.display().to_string();
+        let fixed = [
+            "render",
+            "room",
+            "-o",
+            &text,
+            "--size",
+            "32x24",
+            "--samples",
+            "8",
+        ];
+        let output = gpugi(&[&fixed, &["--technique", technique][..], more].concat());
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{message}");
+        path.with_extension("exr")
+    };
+    let all = "albedo,normal,depth,position,denoising-albedo,denoising-normal";
+    let traced = render(
+        "traced.exr",
+        "path-tracer",
+        &["--aov", &format!("{all},variance")],
+    );
+    // The file of layers lies beside a PNG.
+    let rastered = render("rastered.png", "none", &["--aov", all]);
+    for name in [
+        "Albedo.G",
+        "Normal.Y",
+        "Depth.Z",
+        "Position.X",
+        "Combined.A",
+    ] {
+        let [traced, rastered] = [&traced, &rastered].map(|path| channel(path, name));
+        let apart = traced.iter().zip(&rastered).map(|(a, b)| (a - b).abs());
+        // At edges, 8 samples of one and of the other differ.
+        let alike = apart.filter(|apart| *apart < 0.02).count();
+        assert!(
+            alike * 10 > traced.len() * 8,
+            "{name}: {alike} of {}",
+            traced.len()
+        );
+    }
+    // The mirror ball is white and shows the walls, which are not.
+    let at_ball = 15 * 32 + 10;
+    let [ball, shown] =
+        ["Albedo.B", "Denoising Albedo.B"].map(|name| channel(&traced, name)[at_ball]);
+    assert!(ball > 0.9 && shown < 0.75, "{ball}, {shown}");
+    assert_eq!(
+        channel(&rastered, "Denoising Albedo.B")[at_ball],
+        channel(&rastered, "Albedo.B")[at_ball]
+    );
+    assert!(channel(&traced, "Variance.R").iter().sum::<f32>() > 0.0);
+}
+
+#[test]
+fn denoised_pictures_are_less_noisy() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("denoised");
+    let render = |name: &str, more: &[&str]| {
+        let path = folder.join(name);
+        let text = path.display().to_string();
+        let fixed = ["render", "cornell", "-o", &text, "--size", "48x40"];
+        let output = gpugi(&[&fixed, more].concat());
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), message, path)
+    };
+    let traced = ["--technique", "path-tracer"];
+    let (_, _, noisy) = render("noisy.exr", &[&traced[..], &["--samples", "8"]].concat());
+    let denoised = [&traced[..], &["--samples", "8", "--denoise"]].concat();
+    let (_, _, denoised) = render("denoised.exr", &denoised);
+    let (_, _, truth) = render(
+        "truth.exr",
+        &[&traced[..], &["--samples", "256", "--seed", "1"]].concat(),
+    );
+    let truth = radiance(&truth);
+    let error = |path: &Path| {
+        let pairs = radiance(path).into_iter().zip(&truth);
+        pairs
+            .map(|(a, b)| (a - b).powi(2) / (b * b + 0.01))
+            .sum::<f32>()
+            / truth.len() as f32
+    };
+    let [noisy, denoised] = [error(&noisy), error(&denoised)];
+    assert!(denoised < 0.25 * noisy, "{denoised}, not far below {noisy}");
+    // Techniques have no noise that a filter could tell from the picture, and do not know its variance.
+    for (option, part) in [
+        ("--denoise", "path-tracer"),
+        ("--aov=variance", "path-tracer"),
+    ] {
+        let (code, message, _) = render("refused.png", &["--technique", "shadow-map", option]);
+        assert!(
+            code == Some(2) && message.contains(part),
+            "{option}: {message}"
+        );
+    }
 }

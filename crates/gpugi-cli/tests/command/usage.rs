@@ -107,8 +107,7 @@ fn renders_a_picture_with_report_and_quantities() {
         texel(39, 20)
     );
     for name in [
-        "cornell-normal.exr",
-        "cornell-depth.exr",
+        "cornell.exr",
         "maps/shadow-map.atlas.exr",
         "maps/radiosity.irradiance.exr",
     ] {

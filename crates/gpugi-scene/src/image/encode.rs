@@ -52,15 +52,15 @@ pub fn save_exr_layers(
         check_length(width, height, 1, values.len())?;
     }
     let channels = channels.into_iter().map(|(name, values)| {
-        AnyChannel::new(exr::prelude::Text::new_or_panic(name), FlatSamples::F32(values))
+        AnyChannel::new(
+            exr::prelude::Text::new_or_panic(name),
+            FlatSamples::F32(values),
+        )
     });
     let channels = AnyChannels::sort(channels.collect());
     let image = Image::from_channels((width as usize, height as usize), channels);
     replace_file(path, |file| {
-        image
-            .write()
-            .to_buffered(file)
-            .map_err(io::Error::other)
+        image.write().to_buffered(file).map_err(io::Error::other)
     })
 }
 

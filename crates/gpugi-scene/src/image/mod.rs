@@ -19,7 +19,9 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use decode::{claimed_bytes, decode_color_within, decode_heights_within};
 pub use decode::{decode_color, decode_radiance, load_radiance};
-pub use encode::{replace_file, save_exr, save_exr_layers, save_hdr, save_png, write_exr, write_png};
+pub use encode::{
+    replace_file, save_exr, save_exr_layers, save_hdr, save_png, write_exr, write_png,
+};
 pub(crate) use heights::{Heights, holds_normals};
 pub use ktx2::{HalfTexture, save_ktx2};
 pub(crate) use ktx2_array::{

@@ -271,3 +271,23 @@ fn final_gather_lights_what_takes_long_to_unwrap() {
         assert_eq!(set, DefaultSet::default());
     }
 }
+
+#[test]
+fn still_pictures_are_traced_where_that_was_measured_to_win() {
+    let Some(gpu) = test_gpu() else { return };
+    let on = |device_type| {
+        StillPicture::on(&AdapterSummary {
+            device_type,
+            ..gpu.adapter.clone()
+        })
+    };
+    let discrete = on(wgpu::DeviceType::DiscreteGpu);
+    assert!(matches!(discrete, StillPicture::PathTracer { .. }));
+    for other in [
+        wgpu::DeviceType::Cpu,
+        wgpu::DeviceType::IntegratedGpu,
+        wgpu::DeviceType::Other,
+    ] {
+        assert_eq!(on(other), StillPicture::Techniques, "{other:?}");
+    }
+}

@@ -7,8 +7,19 @@ use bytemuck::{Pod, Zeroable};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::shader;
 
-/// Size of `Noisy` in noisy.wesl (bytes).
-const NOISY_BYTES: u64 = 48;
+/// A pixel to be filtered: `Noisy` of denoise/noisy.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(super) struct Noisy {
+    pub light: [f32; 3],
+    pub depth: f32,
+    pub variance: [f32; 3],
+    pub normal: u32,
+    pub albedo: [f32; 3],
+    pub padding: u32,
+}
+
+const NOISY_BYTES: u64 = size_of::<Noisy>() as u64;
 /// `RADIUS` of filter.wesl.
 const RADIUS: u32 = 7;
 /// Rows beyond those that are written on which these depend: `RADIUS`, `PATCH`, and one for slopes.
@@ -50,7 +61,7 @@ pub struct Denoiser {
     size: [u32; 2],
     /// Most rows of a window.
     rows: u32,
-    /// The window's pixels: `Noisy` of noisy.wesl.
+    /// The window's pixels: `Noisy`.
     pub pixels: wgpu::Buffer,
     sums: wgpu::Buffer,
 }
@@ -62,14 +73,17 @@ impl Denoiser {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let limits = gpu.limits();
-        let largest = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+        let largest = limits
+            .max_buffer_size
+            .min(limits.max_storage_buffer_binding_size);
         let most = largest / (u64::from(size[0].max(1)) * NOISY_BYTES);
         // One row at least is written; if its window is too large, its buffer says so.
         let rows = u64::from(size[1]).min(most).max(u64::from(2 * MARGIN + 1));
         Self::with_rows(gpu, size, rows as u32)
     }
 
-    fn with_rows(gpu: &Gpu, size: [u32; 2], rows: u32) -> Result<Self, GpuError> {
+    /// As [`Denoiser::new`], in windows of no more than `rows` rows, which has to exceed `2 * MARGIN`.
+    pub(super) fn with_rows(gpu: &Gpu, size: [u32; 2], rows: u32) -> Result<Self, GpuError> {
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         let pixels = u64::from(size[0]) * u64::from(rows);
         let storage = |label, bytes| gpu.buffer(label, pixels * bytes, wgpu::BufferUsages::STORAGE);
@@ -119,8 +133,11 @@ impl Denoiser {
                 padding: 0,
             };
             let rows = gpu.constant("denoise.rows", &rows)?;
-            let resources: [Named<'_>; 3] =
-                [("rows", &rows), ("pixels", &self.pixels), ("sums", &self.sums)];
+            let resources: [Named<'_>; 3] = [
+                ("rows", &rows),
+                ("pixels", &self.pixels),
+                ("sums", &self.sums),
+            ];
             frame.compute("denoise", |pass| {
                 self.filter.run(pass, None, &resources, [width, height, 1])
             })?;

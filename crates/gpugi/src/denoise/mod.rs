@@ -3,6 +3,8 @@
 mod features;
 mod filter;
 mod of_points;
+#[cfg(test)]
+mod tests;
 
 pub use features::Features;
 pub use filter::{Denoiser, Window};

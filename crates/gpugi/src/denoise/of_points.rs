@@ -28,7 +28,11 @@ impl OfPoints {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
     pub fn film(gpu: &Gpu, points: u32) -> Result<wgpu::Buffer, GpuError> {
         let bytes = u64::from(points) * size_of::<Features>() as u64;
-        gpu.buffer("picture.features [bytes]", bytes, wgpu::BufferUsages::STORAGE)
+        gpu.buffer(
+            "picture.features [bytes]",
+            bytes,
+            wgpu::BufferUsages::STORAGE,
+        )
     }
 
     /// Adds the points of a receiver to `features`, or replaces these if its view begins a picture: pass

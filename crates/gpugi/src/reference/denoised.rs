@@ -32,9 +32,14 @@ impl PathTracer {
             constants: &[("HAS_LIGHT_TRACER", flag)],
             ..Default::default()
         };
-        let kernel = Kernel::with_options(gpu, &shader!("reference.noisy"), "main", None, &options)?;
+        let kernel =
+            Kernel::with_options(gpu, &shader!("reference.noisy"), "main", None, &options)?;
         let bytes = u64::from(width) * u64::from(height) * 16;
-        let picture = gpu.buffer("denoise.picture [bytes]", bytes, wgpu::BufferUsages::STORAGE)?;
+        let picture = gpu.buffer(
+            "denoise.picture [bytes]",
+            bytes,
+            wgpu::BufferUsages::STORAGE,
+        )?;
         for window in denoiser.windows() {
             let mut frame = Frame::new(gpu, false);
             let rows = WindowUniform {
@@ -46,7 +51,10 @@ impl PathTracer {
                 let features = tile.features.as_ref().ok_or_else(|| GpuError::Input {
                     what: "the path tracer keeps no features for the denoiser".into(),
                 })?;
-                let photons = tile.photons.as_ref().map_or(&tile.film, |film| &film.pixels);
+                let photons = tile
+                    .photons
+                    .as_ref()
+                    .map_or(&tile.film, |film| &film.pixels);
                 let resources: [Named<'_>; 6] = [
                     ("place", &tile.place),
                     ("pixels", &tile.film),
@@ -64,6 +72,9 @@ impl PathTracer {
             frame.submit()?;
         }
         let pixels: Vec<[f32; 4]> = read_buffer(gpu, &picture, bytes)?;
-        Ok(pixels.into_iter().flat_map(|[r, g, b, _]| [r, g, b]).collect())
+        Ok(pixels
+            .into_iter()
+            .flat_map(|[r, g, b, _]| [r, g, b])
+            .collect())
     }
 }

@@ -38,7 +38,11 @@ impl Looker {
     /// Features of `pixels` pixels.
     pub fn film(&self, gpu: &Gpu, pixels: u32) -> Result<wgpu::Buffer, GpuError> {
         let bytes = u64::from(pixels) * size_of::<Features>() as u64;
-        gpu.buffer("path-tracer.features [bytes]", bytes, wgpu::BufferUsages::STORAGE)
+        gpu.buffer(
+            "path-tracer.features [bytes]",
+            bytes,
+            wgpu::BufferUsages::STORAGE,
+        )
     }
 
     /// Adds the samples of a batch of `blocks` blocks of a tile, which `parameters` describe, to its features.
@@ -70,7 +74,10 @@ impl PathTracer {
     /// [`GpuError`].
     pub fn keep_features(&mut self) -> Result<(), GpuError> {
         if self.looker.is_none() {
-            let constants = &[("HAS_TRANSMISSION", f64::from(u8::from(self.has_transmission)))];
+            let constants = &[(
+                "HAS_TRANSMISSION",
+                f64::from(u8::from(self.has_transmission)),
+            )];
             let buffers = [&self.view, &self.parameters, &self.automaton];
             self.looker = Some(Looker::new(&self.gpu, &self.scene, constants, buffers)?);
             self.make_tiles()?;
@@ -85,10 +92,17 @@ impl PathTracer {
     /// [`GpuError`].
     pub fn features(&self) -> Result<Vec<Features>, GpuError> {
         let width = self.size[0] as usize;
-        let kept = self.tiles.iter().filter_map(|tile| Some((tile, tile.features.as_ref()?)));
+        let kept = self
+            .tiles
+            .iter()
+            .filter_map(|tile| Some((tile, tile.features.as_ref()?)));
         let read = |(tile, features): (&Tile, &wgpu::Buffer)| {
             let bytes = u64::from(tile.pixels()) * size_of::<Features>() as u64;
-            Ok::<_, GpuError>((tile.origin, tile.size, begin_read_buffer(&self.gpu, features, bytes)?))
+            Ok::<_, GpuError>((
+                tile.origin,
+                tile.size,
+                begin_read_buffer(&self.gpu, features, bytes)?,
+            ))
         };
         let tiles: Vec<_> = kept.map(read).collect::<Result<_, _>>()?;
         let mut all = match tiles.is_empty() {

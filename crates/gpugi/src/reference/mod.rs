@@ -354,8 +354,10 @@ impl PathTracer {
 
     /// Light that exists in the scene and that the picture lacks: a few words each.
     pub fn left_out(&self) -> Vec<String> {
-        match self.photons.is_some() && self.scene.lights.len() > 0 {
-            true => vec!["caustics of points, spots and directions where mirrors and glass show them".into()],
+        match self.photons.is_some() && !self.scene.lights.is_empty() {
+            true => vec![
+                "caustics of points, spots and directions where mirrors and glass show them".into(),
+            ],
             false => Vec::new(),
         }
     }
