@@ -33,7 +33,7 @@ pub struct PictureArguments {
     #[command(flatten)]
     pub display: DisplayArguments,
     /// Techniques, separated by commas, or path-tracer, or none, or default: those that suit the scene, and a still picture
-    /// or frames in motion. Without it, default, but for gpugi render on a discrete GPU: path-tracer (see --explain)
+    /// or frames in motion. Without it, default, but for a PNG by gpugi render on a discrete GPU: path-tracer, denoised
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub technique: Vec<String>,
     /// A technique's setting, or an effect's (repeatable)
@@ -71,10 +71,10 @@ pub struct Arguments {
     /// Write every technique's maps into this folder
     #[arg(long, value_name = "DIR")]
     dump_maps: Option<PathBuf>,
-    /// Also write these as layers of an EXR file, over all samples: OUTPUT if that is one, or else OUTPUT with .exr
+    /// Also write these as layers of an EXR file, means over samples: OUTPUT if that is one, or else OUTPUT with .exr
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     aov: Vec<Aov>,
-    /// Filter the noise out of the path tracer's picture; without --technique, a PNG is filtered, EXR and HDR are not
+    /// Filter the noise out of the path tracer's picture; on where it is the default
     #[arg(long)]
     denoise: bool,
 }
@@ -284,8 +284,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         set,
         ..picture.clone()
     };
+    let mut aov = arguments.aov.clone();
+    aov.sort();
+    aov.dedup();
     let arguments = &Arguments {
         picture,
+        aov,
         ..arguments.clone()
     };
     let picture = &arguments.picture;
@@ -301,7 +305,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
     let shown = (format == Format::Png).then_some(&effects);
-    let rendered = match path_tracing(arguments, format, &effects, &gpu)? {
+    let rendered = match path_tracing(arguments, format, &effects, StillPicture::on(&gpu.adapter))?
+    {
         Some(tracing) => render_reference(
             common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes,
         )?,
@@ -360,13 +365,14 @@ struct Tracing {
     is_default: bool,
 }
 
-/// How the path tracer makes the picture, if it does: because it was named, or because it is the default on this adapter
-/// and no option asks for something of techniques.
+/// How the path tracer makes the picture, if it does: because it was named, or because it makes still pictures on this
+/// adapter and no option asks for something of techniques. Only filtered it has less error than these, so radiance
+/// that is not to be filtered is theirs, too.
 fn path_tracing(
     arguments: &Arguments,
     format: Format,
     effects: &Effects,
-    gpu: &Gpu,
+    still: StillPicture,
 ) -> anyhow::Result<Option<Tracing>> {
     let picture = &arguments.picture;
     if is_path_tracer(&picture.technique)? {
@@ -379,12 +385,14 @@ fn path_tracing(
     }
     let settings = split_settings(&picture.set)?;
     let is_of_techniques = |[technique, _, _]: &[&str; 3]| *technique != reference::INFO.name;
+    let is_denoised = arguments.denoise || format == Format::Png;
     let asks_for_techniques = !picture.technique.is_empty()
+        || !is_denoised
         || arguments.dump_maps.is_some()
         // It follows the lights that a renderer lists.
         || effects.flare.strength > 0.0
         || settings.iter().any(is_of_techniques);
-    match StillPicture::on(&gpu.adapter) {
+    match still {
         StillPicture::PathTracer { samples, noise } if !asks_for_techniques => {
             let mut settings = path_tracer_settings(&picture.set)?;
             if settings.noise == 0.0 && arguments.samples.is_none() {
@@ -393,7 +401,7 @@ fn path_tracing(
             Ok(Some(Tracing {
                 settings,
                 samples: arguments.samples.unwrap_or(samples),
-                is_denoised: arguments.denoise || format == Format::Png,
+                is_denoised,
                 is_default: true,
             }))
         }
@@ -403,6 +411,9 @@ fn path_tracing(
                 .into(),
         )
         .into()),
+        _ if arguments.aov.contains(&Aov::Variance) => {
+            Err(Usage("--aov variance: path-tracer alone knows it".into()).into())
+        }
         _ => Ok(None),
     }
 }
@@ -490,6 +501,9 @@ fn render_techniques(
     let is_blurred = !camera.lens.is_pinhole() || motion.is_some();
     let started = Instant::now();
     let (maps, left_out, mut costs) = loop {
+        if !arguments.aov.is_empty() {
+            chosen.renderer.keep_features().map_err(usage)?;
+        }
         chosen.renderer.set_seed(arguments.picture.seed);
         let motion = motion.clone();
         (chosen.renderer).set_motion(motion, arguments.picture.shutter_steps)?;
@@ -514,12 +528,6 @@ fn render_techniques(
         true => BLURRED_SAMPLES,
         false => TECHNIQUE_SAMPLES,
     });
-    if arguments.aov.contains(&Aov::Variance) {
-        return Err(Usage("--aov variance: path-tracer alone knows it".into()).into());
-    }
-    if !arguments.aov.is_empty() {
-        renderer.keep_features()?;
-    }
     let mut progress = Progress::new(common.quiet);
     let mut passes_of_last_sample = Vec::new();
     let timed = |sample| arguments.explain || (sample == samples && arguments.report.is_some());
@@ -660,13 +668,27 @@ fn render_reference(
         reference::INFO.name.to_owned(),
         serde_json::to_value(tracer.settings())?,
     );
-    if arguments.explain && !common.quiet {
-        explain_path_tracer(gpu, &done, noise, settings.noise, tracing.is_denoised);
-    }
     // One sample says nothing about its noise.
-    let radiance = match tracing.is_denoised && done.samples > 1 {
+    let is_denoised = tracing.is_denoised && done.samples > 1;
+    if arguments.explain && !common.quiet {
+        explain_path_tracer(gpu, &done, &left_out, [noise, settings.noise], is_denoised);
+    }
+    let radiance = match is_denoised {
         true => tracer.denoised()?,
         false => tracer.radiance()?,
+    };
+    let layers = match arguments.aov.is_empty() {
+        true => None,
+        false => Some(Layers {
+            radiance: match arguments.denoise {
+                true => radiance.clone(),
+                false => tracer.radiance()?,
+            },
+            seen: output::Seen {
+                features: tracer.features()?,
+                variance: tracer.variance()?,
+            },
+        }),
     };
     Ok(Rendered {
         image: match shown {
@@ -678,16 +700,7 @@ fn render_reference(
             }
             None => Image::Radiance(radiance),
         },
-        layers: match arguments.aov.is_empty() {
-            true => None,
-            false => Some(Layers {
-                radiance: tracer.radiance()?,
-                seen: output::Seen {
-                    features: tracer.features()?,
-                    variance: tracer.variance()?,
-                },
-            }),
-        },
+        layers,
         samples: done.samples,
         scene_bytes_on_gpu: tracer.scene().bytes,
         techniques,
@@ -697,4 +710,61 @@ fn render_reference(
         estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),
         path_segments: Some(tracer.segments()?),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    /// What makes a picture by these options, written into a file with this extension.
+    fn tracing(extension: &str, options: &[&str]) -> anyhow::Result<Option<Tracing>> {
+        let output = format!("picture.{extension}");
+        let line = [&["render", "cornell", "-o", &output][..], options].concat();
+        let arguments = Line::try_parse_from(line)?.arguments;
+        let format = output::format(&arguments.output)?;
+        let picture = &arguments.picture;
+        let (effects, set) = (picture.display).effects(Effects::default(), &picture.set)?;
+        let mut arguments = arguments.clone();
+        arguments.picture.set = set;
+        let still = StillPicture::PathTracer {
+            samples: 512,
+            noise: 2e-4,
+        };
+        path_tracing(&arguments, format, &effects, still)
+    }
+
+    #[test]
+    fn where_paths_are_traced_techniques_can_be_asked_for() {
+        let by_default = tracing("png", &[]).unwrap().unwrap();
+        assert!(by_default.is_denoised && by_default.is_default);
+        assert_eq!((by_default.samples, by_default.settings.noise), (512, 2e-4));
+        let of_eight = tracing("png", &["--samples", "8"]).unwrap().unwrap();
+        assert_eq!((of_eight.samples, of_eight.settings.noise), (8, 0.0));
+        assert!(tracing("exr", &["--denoise"]).unwrap().unwrap().is_denoised);
+        let named = tracing("png", &["--technique", "path-tracer"])
+            .unwrap()
+            .unwrap();
+        assert!(!named.is_denoised && !named.is_default);
+        for options in [
+            &["--technique", "default"][..],
+            &["--technique", "shadow-map"],
+            &["--set", "shadow-map.taps=8"],
+            &["--set", "flare.strength=1"],
+            &["--dump-maps", "maps"],
+        ] {
+            assert!(tracing("png", options).unwrap().is_none(), "{options:?}");
+        }
+        assert!(tracing("exr", &[]).unwrap().is_none());
+        for refused in ["--denoise", "--aov=variance"] {
+            assert!(tracing("png", &["--technique", "default", refused]).is_err());
+        }
+    }
 }

@@ -159,6 +159,14 @@ impl Renderer {
 
     /// As [`Renderer::resize`], in strips of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
+        let limits = self.gpu.limits();
+        let most_points = match &self.features {
+            Some(_) => {
+                let bytes = limits.max_storage_buffer_binding_size / size_of::<Features>() as u64;
+                most_points.min(bytes.try_into().unwrap_or(u32::MAX))
+            }
+            None => most_points,
+        };
         let mut strips = strips(&self.gpu, &self.lighting, size, most_points)?;
         if self.features.is_some() {
             keep_features(&self.gpu, &mut strips)?;
@@ -741,14 +749,13 @@ impl Renderer {
         Ok(all)
     }
 
-    /// From the next sample on, keeps what pixels see of surfaces ([`Renderer::features`]): 80 bytes per pixel. To be
-    /// called before the first sample of a picture.
+    /// Keeps what pixels see of surfaces ([`Renderer::features`]): 80 bytes per pixel. Accumulation restarts.
     ///
     /// # Errors
-    /// [`GpuError`].
-    pub fn keep_features(&mut self) -> Result<(), GpuError> {
+    /// [`LightingError::Gpu`].
+    pub fn keep_features(&mut self) -> Result<(), LightingError> {
         self.features = Some(OfPoints::new(&self.gpu)?);
-        keep_features(&self.gpu, &mut self.strips)
+        self.resize(self.size)
     }
 
     /// What the pixels see of surfaces, over all samples of the picture, row by row from the top; empty without

@@ -48,7 +48,7 @@ pub struct Arguments {
     turn: bool,
     #[command(flatten)]
     picture: PictureArguments,
-    /// Make each frame as gpugi render makes a still picture, with so many samples per pixel (default: as gpugi view
+    /// Make each frame as gpugi render --technique default does, with so many samples per pixel (default: as gpugi view
     /// shows motion, one sample that continues the frames before; 256 samples for the path tracer)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=16_777_216))]
     samples: Option<u32>,

@@ -22,8 +22,8 @@ pub(super) struct Noisy {
 const NOISY_BYTES: u64 = size_of::<Noisy>() as u64;
 /// `RADIUS` of filter.wesl.
 const RADIUS: u32 = 7;
-/// Rows beyond those that are written on which these depend: `RADIUS`, `PATCH`, and one for slopes.
-const MARGIN: u32 = 10;
+/// Rows beyond those that are written on which these depend: `RADIUS` and `PATCH`.
+const MARGIN: u32 = 9;
 
 /// `Rows` of denoise/filter.wesl.
 #[repr(C)]
@@ -39,9 +39,9 @@ struct Rows {
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Finish {
     first: u32,
-    first_of_picture: u32,
     rows: u32,
     width: u32,
+    padding: u32,
 }
 
 /// Rows of a picture that are filtered at once.
@@ -64,6 +64,8 @@ pub struct Denoiser {
     /// The window's pixels: `Noisy`.
     pub pixels: wgpu::Buffer,
     sums: wgpu::Buffer,
+    /// Radiance of the rows that a window writes, four floats per pixel.
+    pub filtered: wgpu::Buffer,
 }
 
 impl Denoiser {
@@ -94,6 +96,7 @@ impl Denoiser {
             rows,
             pixels: storage("denoise.pixels [bytes]", NOISY_BYTES)?,
             sums: storage("denoise.sums [bytes]", 16)?,
+            filtered: storage("denoise.filtered [bytes]", 16)?,
         })
     }
 
@@ -113,17 +116,11 @@ impl Denoiser {
         })
     }
 
-    /// Filters the window that [`Denoiser::pixels`] holds into `picture`, which holds four floats per pixel of all rows:
-    /// pass `denoise`.
+    /// Filters the window that [`Denoiser::pixels`] holds into [`Denoiser::filtered`]: pass `denoise`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
-    pub fn record(
-        &self,
-        frame: &mut Frame<'_>,
-        window: &Window,
-        picture: &wgpu::Buffer,
-    ) -> Result<(), GpuError> {
+    pub fn record(&self, frame: &mut Frame<'_>, window: &Window) -> Result<(), GpuError> {
         let (gpu, width) = (frame.gpu, self.size[0]);
         let height = window.read.end - window.read.start;
         for row in 0..=2 * RADIUS {
@@ -145,16 +142,16 @@ impl Denoiser {
         let written = window.written.end - window.written.start;
         let finish = Finish {
             first: window.written.start - window.read.start,
-            first_of_picture: window.written.start,
             rows: written,
             width,
+            padding: 0,
         };
         let finish = gpu.constant("denoise.finish", &finish)?;
         let resources: [Named<'_>; 4] = [
             ("finish", &finish),
             ("pixels", &self.pixels),
             ("sums", &self.sums),
-            ("picture", picture),
+            ("filtered", &self.filtered),
         ];
         frame.compute("denoise", |pass| {
             self.finish.run(pass, None, &resources, [width, written, 1])

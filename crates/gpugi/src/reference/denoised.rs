@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::PathTracer;
 use crate::denoise::Denoiser;
-use crate::gpu::{Frame, GpuError, Kernel, KernelOptions, Named, read_buffer};
+use crate::gpu::{Frame, GpuError, Kernel, KernelOptions, Named};
 use crate::lighting::LightingError;
 use crate::shader;
 
@@ -34,12 +34,7 @@ impl PathTracer {
         };
         let kernel =
             Kernel::with_options(gpu, &shader!("reference.noisy"), "main", None, &options)?;
-        let bytes = u64::from(width) * u64::from(height) * 16;
-        let picture = gpu.buffer(
-            "denoise.picture [bytes]",
-            bytes,
-            wgpu::BufferUsages::STORAGE,
-        )?;
+        let mut radiance = Vec::with_capacity(3 * width as usize * height as usize);
         for window in denoiser.windows() {
             let mut frame = Frame::new(gpu, false);
             let rows = WindowUniform {
@@ -68,13 +63,18 @@ impl PathTracer {
                     kernel.run(pass, None, &resources, invocations)
                 })?;
             }
-            denoiser.record(&mut frame, &window, &picture)?;
+            denoiser.record(&mut frame, &window)?;
+            let bytes =
+                u64::from(window.written.end - window.written.start) * u64::from(width) * 16;
+            let filtered = frame.read_back::<[f32; 4]>(&denoiser.filtered, bytes)?;
             frame.submit()?;
+            radiance.extend(
+                filtered
+                    .wait()?
+                    .into_iter()
+                    .flat_map(|[r, g, b, _]| [r, g, b]),
+            );
         }
-        let pixels: Vec<[f32; 4]> = read_buffer(gpu, &picture, bytes)?;
-        Ok(pixels
-            .into_iter()
-            .flat_map(|[r, g, b, _]| [r, g, b])
-            .collect())
+        Ok(radiance)
     }
 }

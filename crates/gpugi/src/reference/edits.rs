@@ -3,6 +3,7 @@
 use gpugi_scene::{Edit, Scene};
 
 use super::{Pass, PathTracer, check, tiles};
+use crate::denoise::Features;
 use crate::gpu::GpuError;
 use crate::lighting::LightingError;
 
@@ -107,10 +108,17 @@ impl PathTracer {
         if let Some(photons) = &mut self.photons {
             photons.resize(self.size);
         }
+        // A tile's largest buffer fits a binding.
+        let limits = gpu.limits();
+        let features = limits.max_storage_buffer_binding_size / size_of::<Features>() as u64;
+        let most = match &self.looker {
+            Some(_) => (features.isqrt() as u32).max(8) & !7,
+            None => u32::MAX,
+        };
         self.tiles = tiles(
             gpu,
             self.size,
-            self.tile_side,
+            self.tile_side.min(most),
             (&self.wavefront, self.photons.as_ref(), self.looker.as_ref()),
             &self.parameters,
             (&self.noise_kernel, &self.shown_kernel),

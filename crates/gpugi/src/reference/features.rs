@@ -68,19 +68,26 @@ impl Looker {
 }
 
 impl PathTracer {
-    /// From the next picture on, keeps what its pixels see of surfaces ([`PathTracer::features`]): 80 bytes per pixel.
+    /// Begins the picture anew, and keeps what its pixels see of surfaces ([`PathTracer::features`]): 80 bytes per pixel.
+    /// That takes up to 32 rays per pixel, and more through glass, which limits of rays do not count.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn keep_features(&mut self) -> Result<(), GpuError> {
         if self.looker.is_none() {
+            self.forget();
+            self.tiles.clear();
             let constants = &[(
                 "HAS_TRANSMISSION",
                 f64::from(u8::from(self.has_transmission)),
             )];
             let buffers = [&self.view, &self.parameters, &self.automaton];
             self.looker = Some(Looker::new(&self.gpu, &self.scene, constants, buffers)?);
-            self.make_tiles()?;
+            if let Err(error) = self.make_tiles() {
+                self.looker = None;
+                self.make_tiles()?;
+                return Err(error);
+            }
         }
         Ok(())
     }

@@ -147,6 +147,9 @@ enum Work {
     Photons(u64, ReadBack<Vec<u32>>),
 }
 
+/// `DELTA_ROUGHNESS` of shared/brdf.wesl.
+const IDEAL_ROUGHNESS: f32 = 0.01;
+
 /// Rays of a submission that may take as long as it likes.
 const UNLIMITED: u64 = u64::MAX;
 
@@ -173,8 +176,9 @@ pub struct PathTracer {
     wavefront: Wavefront,
     photons: Option<Photons>,
     looker: Option<Looker>,
-    /// Whether light passes through any surface.
+    /// Whether light passes through any surface, and whether any is an ideal mirror or ideal glass.
     has_transmission: bool,
+    has_ideal: bool,
     noise_kernel: Kernel,
     shown_kernel: Kernel,
     view: wgpu::Buffer,
@@ -318,6 +322,11 @@ impl PathTracer {
             photons,
             looker: None,
             has_transmission,
+            has_ideal: scene.instances.iter().any(|instance| {
+                let material = &scene.materials[instance.material];
+                material.roughness < IDEAL_ROUGHNESS
+                    && (material.metallic > 0.0 || material.transmission > 0.0)
+            }),
             noise_kernel,
             shown_kernel,
             view,
@@ -354,11 +363,15 @@ impl PathTracer {
 
     /// Light that exists in the scene and that the picture lacks: a few words each.
     pub fn left_out(&self) -> Vec<String> {
-        match self.photons.is_some() && !self.scene.lights.is_empty() {
-            true => vec![
+        let has_punctual = !self.scene.lights.is_empty()
+            && (self.settings.classes())
+                .is_ok_and(|classes| classes.contains(&LightClass::Punctual));
+        match (has_punctual && self.has_ideal, self.photons.is_some()) {
+            (false, _) => Vec::new(),
+            (true, true) => vec![
                 "caustics of points, spots and directions where mirrors and glass show them".into(),
             ],
-            false => Vec::new(),
+            (true, false) => vec!["caustics of points, spots and directions".into()],
         }
     }
 

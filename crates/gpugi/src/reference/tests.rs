@@ -217,9 +217,13 @@ fn tiles_are_invisible() {
         let settings = Settings::default();
         let tracer = PathTracer::with_tiles(gpu, &scene, size, &settings, side, true);
         let mut tracer = tracer.unwrap();
+        tracer.keep_features().unwrap();
         let count = size[0].div_ceil(side) * size[1].div_ceil(side);
         assert_eq!(tracer.tiles.len(), count as usize);
         let picture = picture(&mut tracer, &camera, 5, 4);
+        let denoised = (tracer.denoised().unwrap(), tracer.features().unwrap());
+        assert!(denoised.0 != picture);
+        let picture = (picture, denoised);
         (picture, tracer.segments().unwrap(), tracer.noise().unwrap())
     };
     let (whole, segments, noise) = with_tiles(&gpu, TILE_SIDE);
