@@ -49,21 +49,16 @@ impl Costs {
 pub fn explain_path_tracer(
     gpu: &Gpu,
     done: &Progress,
-    left_out: &[String],
     [noise, enough]: [f64; 2],
     is_denoised: bool,
 ) {
     println!(
         "path-tracer on {} ({}): on discrete GPUs it has less error than the techniques in the time that these take for their maps
-  {}; {} of {} samples per pixel; estimated rel-mse {noise:.1e}{}
+  {} of {} samples per pixel; estimated rel-mse {noise:.1e}{}
   {}
   --technique default: the techniques that suit the scene",
         gpu.adapter.name,
         gpu.adapter.driver,
-        match left_out {
-            [] => "all light".to_owned(),
-            left_out => format!("all light but {}", left_out.join("; ")),
-        },
         done.samples,
         done.of,
         match enough > 0.0 {

@@ -305,8 +305,13 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
     let shown = (format == Format::Png).then_some(&effects);
-    let rendered = match path_tracing(arguments, format, &effects, StillPicture::on(&gpu.adapter))?
-    {
+    let rendered = match path_tracing(
+        arguments,
+        format,
+        &effects,
+        &scene,
+        StillPicture::on(&gpu.adapter),
+    )? {
         Some(tracing) => render_reference(
             common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes,
         )?,
@@ -366,12 +371,13 @@ struct Tracing {
 }
 
 /// How the path tracer makes the picture, if it does: because it was named, or because it makes still pictures on this
-/// adapter and no option asks for something of techniques. Only filtered it has less error than these, so radiance
+/// adapter, finds what the techniques find, and no option asks for something of techniques. Only filtered it has less error than these, so radiance
 /// that is not to be filtered is theirs, too.
 fn path_tracing(
     arguments: &Arguments,
     format: Format,
     effects: &Effects,
+    scene: &Scene,
     still: StillPicture,
 ) -> anyhow::Result<Option<Tracing>> {
     let picture = &arguments.picture;
@@ -384,6 +390,9 @@ fn path_tracing(
         }));
     }
     let settings = split_settings(&picture.set)?;
+    let left_out = reference::left_out(scene, &reference::Settings::default());
+    // In media it lacks more, but much less than the techniques (docs/equal-time.md).
+    let lacks_light = scene.media.is_empty() && !left_out.is_empty();
     let is_of_techniques = |[technique, _, _]: &[&str; 3]| *technique != reference::INFO.name;
     let is_denoised = arguments.denoise || format == Format::Png;
     let asks_for_techniques = !picture.technique.is_empty()
@@ -393,7 +402,7 @@ fn path_tracing(
         || effects.flare.strength > 0.0
         || settings.iter().any(is_of_techniques);
     match still {
-        StillPicture::PathTracer { samples, noise } if !asks_for_techniques => {
+        StillPicture::PathTracer { samples, noise } if !asks_for_techniques && !lacks_light => {
             let mut settings = path_tracer_settings(&picture.set)?;
             if settings.noise == 0.0 && arguments.samples.is_none() {
                 settings.noise = noise;
@@ -629,8 +638,8 @@ fn render_reference(
     }
     let settings = &tracing.settings;
     let mut tracer = PathTracer::new(gpu, scene, arguments.size, settings).map_err(usage)?;
-    let left_out = tracer.left_out();
-    if tracing.is_default && !left_out.is_empty() {
+    let left_out = reference::left_out(scene, settings);
+    if !left_out.is_empty() {
         notes.push(format!("not in this picture: {}", left_out.join("; ")));
     }
     print_notes(common, notes);
@@ -671,7 +680,7 @@ fn render_reference(
     // One sample says nothing about its noise.
     let is_denoised = tracing.is_denoised && done.samples > 1;
     if arguments.explain && !common.quiet {
-        explain_path_tracer(gpu, &done, &left_out, [noise, settings.noise], is_denoised);
+        explain_path_tracer(gpu, &done, [noise, settings.noise], is_denoised);
     }
     let radiance = match is_denoised {
         true => tracer.denoised()?,
@@ -726,8 +735,16 @@ mod tests {
 
     /// What makes a picture by these options, written into a file with this extension.
     fn tracing(extension: &str, options: &[&str]) -> anyhow::Result<Option<Tracing>> {
+        tracing_of("cornell", extension, options)
+    }
+
+    fn tracing_of(
+        scene: &str,
+        extension: &str,
+        options: &[&str],
+    ) -> anyhow::Result<Option<Tracing>> {
         let output = format!("picture.{extension}");
-        let line = [&["render", "cornell", "-o", &output][..], options].concat();
+        let line = [&["render", scene, "-o", &output][..], options].concat();
         let arguments = Line::try_parse_from(line)?.arguments;
         let format = output::format(&arguments.output)?;
         let picture = &arguments.picture;
@@ -738,7 +755,8 @@ mod tests {
             samples: 512,
             noise: 2e-4,
         };
-        path_tracing(&arguments, format, &effects, still)
+        let scene = gpugi_scene::builtin::builtin(scene, 1).expect("a scene");
+        path_tracing(&arguments, format, &effects, &scene, still)
     }
 
     #[test]
@@ -763,6 +781,11 @@ mod tests {
             assert!(tracing("png", options).unwrap().is_none(), "{options:?}");
         }
         assert!(tracing("exr", &[]).unwrap().is_none());
+        // Its mirror shows caustics of the spot.
+        for (scene, is_traced) in [("room", false), ("spheres", true), ("fog-room", true)] {
+            let traced = tracing_of(scene, "png", &[]).unwrap();
+            assert_eq!(traced.is_some(), is_traced, "{scene}");
+        }
         for refused in ["--denoise", "--aov=variance"] {
             assert!(tracing("png", &["--technique", "default", refused]).is_err());
         }

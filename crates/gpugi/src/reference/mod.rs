@@ -42,7 +42,7 @@ use crate::capture::{View, ViewUniform};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
-use crate::scene::GpuScene;
+use crate::scene::{GpuScene, has_smooth_objects};
 use crate::settings::SettingError;
 use crate::shader;
 use crate::shutter::{Motion, moment};
@@ -147,9 +147,6 @@ enum Work {
     Photons(u64, ReadBack<Vec<u32>>),
 }
 
-/// `DELTA_ROUGHNESS` of shared/brdf.wesl.
-const IDEAL_ROUGHNESS: f32 = 0.01;
-
 /// Rays of a submission that may take as long as it likes.
 const UNLIMITED: u64 = u64::MAX;
 
@@ -176,9 +173,8 @@ pub struct PathTracer {
     wavefront: Wavefront,
     photons: Option<Photons>,
     looker: Option<Looker>,
-    /// Whether light passes through any surface, and whether any is an ideal mirror or ideal glass.
+    /// Whether light passes through any surface.
     has_transmission: bool,
-    has_ideal: bool,
     noise_kernel: Kernel,
     shown_kernel: Kernel,
     view: wgpu::Buffer,
@@ -213,6 +209,23 @@ pub struct PathTracer {
     seed: u32,
     /// Pixel samples per second that the latest batches reached; 0 before the first batch.
     rate: f64,
+}
+
+/// Light of `scene` that its pictures lack: a few words each.
+pub fn left_out(scene: &Scene, settings: &Settings) -> Vec<String> {
+    let counts = |classes: Vec<LightClass>| classes.contains(&LightClass::Punctual);
+    let has_punctual = !scene.lights.is_empty() && settings.classes().is_ok_and(counts);
+    match (
+        has_punctual && has_smooth_objects(scene),
+        scene.media.is_empty(),
+    ) {
+        (false, _) => Vec::new(),
+        (true, true) => vec![
+            "caustics of points, spots and directions where mirrors and glass show them".into(),
+        ],
+        // Photons do not know media.
+        (true, false) => vec!["caustics of points, spots and directions".into()],
+    }
 }
 
 impl PathTracer {
@@ -322,11 +335,6 @@ impl PathTracer {
             photons,
             looker: None,
             has_transmission,
-            has_ideal: scene.instances.iter().any(|instance| {
-                let material = &scene.materials[instance.material];
-                material.roughness < IDEAL_ROUGHNESS
-                    && (material.metallic > 0.0 || material.transmission > 0.0)
-            }),
             noise_kernel,
             shown_kernel,
             view,
@@ -359,20 +367,6 @@ impl PathTracer {
     /// The settings that the path tracer was created with.
     pub fn settings(&self) -> &Settings {
         &self.settings
-    }
-
-    /// Light that exists in the scene and that the picture lacks: a few words each.
-    pub fn left_out(&self) -> Vec<String> {
-        let has_punctual = !self.scene.lights.is_empty()
-            && (self.settings.classes())
-                .is_ok_and(|classes| classes.contains(&LightClass::Punctual));
-        match (has_punctual && self.has_ideal, self.photons.is_some()) {
-            (false, _) => Vec::new(),
-            (true, true) => vec![
-                "caustics of points, spots and directions where mirrors and glass show them".into(),
-            ],
-            (true, false) => vec!["caustics of points, spots and directions".into()],
-        }
     }
 
     /// Width and height of the picture (pixels).
