@@ -5,12 +5,13 @@ use std::path::PathBuf;
 
 use gpugi::gpu::Gpu;
 use gpugi::measure::{
-    Cache, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
+    Cache, Live, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
+    measure_live,
 };
 use gpugi::picture::{self, Effects};
 use gpugi::{Motion, Purpose, Renderer};
 use gpugi_arguments::parse_size;
-use gpugi_scene::image::metrics::{Metric, heat_map};
+use gpugi_scene::image::metrics::{Metric, Picture, compare, heat_map};
 use serde_json::{Map, Value};
 
 use crate::compare::{in_json, print_line};
@@ -31,6 +32,9 @@ pub struct Arguments {
     /// Compare with all light of the scene, not only the techniques' light paths: light that they lack counts as error
     #[arg(long)]
     all_light: bool,
+    /// Measure live frames instead, in orbit and at rest after it, against all light
+    #[arg(long, conflicts_with_all = ["all_light", "diff"])]
+    live: bool,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
@@ -147,7 +151,10 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         &gpu,
         &scene,
         size,
-        Purpose::StillPicture,
+        match arguments.live {
+            true => Purpose::LiveView,
+            false => Purpose::StillPicture,
+        },
         &arguments.technique,
         settings,
     )?;
@@ -167,6 +174,25 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             ControlFlow::Continue(())
         }
     };
+    if arguments.live {
+        let renderer = &mut chosen.renderer;
+        let live = measure_live(&gpu, &scene, &camera, renderer, &options, &mut report)?;
+        shown.1.finish();
+        print_notes(common, &notes);
+        if !common.quiet {
+            print_live(&gpu, arguments, &chosen.renderer, &live);
+        }
+        if let Some(path) = &arguments.side_by_side {
+            let [shown, truth] = &live.last;
+            let errors = heat(size, shown, truth)?;
+            let (size, pixels) = side_by_side(&gpu, size, [shown, truth], &errors)?;
+            write_png(path, size, &pixels)?;
+        }
+        return match &arguments.json {
+            Some(path) => write_json(path, &live),
+            None => Ok(()),
+        };
+    }
     let measured = loop {
         let renderer = &mut chosen.renderer;
         match measure(&gpu, &scene, &camera, renderer, &options, &mut report) {
@@ -189,7 +215,12 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         write_png(path, size, &errors)?;
     }
     if let Some(path) = &arguments.side_by_side {
-        let (size, pixels) = side_by_side(&gpu, &measured, &errors)?;
+        let (size, pixels) = side_by_side(
+            &gpu,
+            size,
+            [&measured.radiance, &measured.truth.radiance],
+            &errors,
+        )?;
         write_png(path, size, &pixels)?;
     }
     if let Some(path) = &arguments.json {
@@ -261,17 +292,43 @@ fn options(arguments: &Arguments) -> anyhow::Result<Options> {
     })
 }
 
+/// Names of the techniques in use.
+fn names(renderer: &Renderer) -> String {
+    let techniques = renderer.techniques().iter();
+    let names: Vec<&str> = techniques.map(|technique| technique.info().name).collect();
+    names.join(", ")
+}
+
+fn print_live(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, live: &Live) {
+    let [width, height] = arguments.size;
+    println!(
+        "{}: {} live against all light, {width}x{height}, on {} ({})",
+        arguments.scene.scene,
+        names(renderer),
+        gpu.adapter.name,
+        gpu.adapter.driver
+    );
+    if let Some(milliseconds) = live.milliseconds {
+        println!("  frame     {milliseconds:9.3} ms GPU");
+    }
+    println!("  moving    {:9.4} flip", live.moving);
+    println!("  still     {:9.4} flip", live.still);
+    println!("  flicker   {:9.3} % of white", live.flicker * 100.0);
+    println!(
+        "reference: estimated rel-mse {:.2e}",
+        live.reference_rel_mse
+    );
+    for pass in &live.passes {
+        println!("  {:34} {:9.4} ms GPU", pass.pass, pass.milliseconds);
+    }
+}
+
 fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measured) {
     let [width, height] = measured.size;
-    let names: Vec<&str> = renderer
-        .techniques()
-        .iter()
-        .map(|technique| technique.info().name)
-        .collect();
     println!(
         "{}: {} against the path tracer, {width}x{height}, {} samples, on {} ({})",
         arguments.scene.scene,
-        names.join(", "),
+        names(renderer),
         arguments.samples,
         gpu.adapter.name,
         gpu.adapter.driver
@@ -319,6 +376,15 @@ fn print(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, measured: &Measu
     );
 }
 
+/// Heat map of the relative error of a picture.
+fn heat(size: [u32; 2], shown: &[f32], truth: &[f32]) -> anyhow::Result<Vec<u8>> {
+    let picture = |radiance: &[f32]| {
+        Picture::of_radiance(size[0], size[1], radiance.to_vec()).map_err(anyhow::Error::msg)
+    };
+    let result = compare(Metric::RelMse, &picture(shown)?, &picture(truth)?)?;
+    Ok(heat_map(Metric::RelMse, &result.map))
+}
+
 /// Heat map of the relative error.
 fn error_colors(measured: &Measured) -> Vec<u8> {
     let mut metrics = measured.metrics.iter();
@@ -331,13 +397,13 @@ fn error_colors(measured: &Measured) -> Vec<u8> {
 /// The techniques' image, the path tracer's, and the heat map, separated by white strips.
 fn side_by_side(
     gpu: &Gpu,
-    measured: &Measured,
+    [width, height]: [u32; 2],
+    [shown, truth]: [&[f32]; 2],
     errors: &[u8],
 ) -> anyhow::Result<([u32; 2], Vec<u8>)> {
     const GAP: usize = 4;
-    let [width, height] = measured.size;
     // Display both as one image, so that they share one exposure.
-    let both: Vec<f32> = [&measured.radiance[..], &measured.truth.radiance].concat();
+    let both: Vec<f32> = [shown, truth].concat();
     // Dither noise would distract from the error and would take up most of the file's bytes.
     let effects = Effects::default().without_dither();
     let shown = picture::developed(gpu, [width, 2 * height], &both, &effects)?;

@@ -29,6 +29,7 @@ pub mod lighting;
 mod lights;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod measure;
+mod paths;
 pub mod picture;
 pub mod prefiltered;
 mod probes;

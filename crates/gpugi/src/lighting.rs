@@ -14,7 +14,7 @@ use gpugi_scene::names::check_names;
 use crate::capture::{CaptureKernels, Emission, Receiver, View};
 use crate::gpu::{Frame, Gpu, GpuError};
 use crate::light_paths::{LightClass, LightPaths, left_out, overlap};
-use crate::scene::{Claims, GpuScene, emit_light};
+use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
@@ -484,6 +484,12 @@ impl Lighting {
         Ok(saved)
     }
 
+    /// Whether any technique tells which part of its light is noisy.
+    pub(crate) fn is_noisy(&self) -> bool {
+        let mut techniques = self.techniques.iter();
+        techniques.any(|technique| technique.info().is_noisy)
+    }
+
     /// The pipelines of captures, compiled for the scene.
     pub fn capture_kernels(&self) -> &CaptureKernels {
         &self.capture
@@ -513,7 +519,7 @@ impl Lighting {
     /// Light that exists in the scene, as far as the factors of its materials tell, and that no technique in use adds:
     /// a few words each.
     pub fn left_out(&self, scene: &GpuScene) -> Vec<String> {
-        left_out(&self.light_paths(), &light_classes(scene), &scene.lobes())
+        left_out(&self.light_paths(), &scene.light_classes(), &scene.lobes())
     }
 
     /// Every map that exists now.
@@ -541,20 +547,4 @@ impl Lighting {
         }
         Ok(all)
     }
-}
-
-/// Classes of light that a scene has.
-pub fn light_classes(scene: &GpuScene) -> Vec<LightClass> {
-    let punctual = !scene.lights.is_empty();
-    [
-        (punctual, LightClass::Punctual),
-        (
-            !scene.emitters.is_empty() || emit_light(&scene.media),
-            LightClass::Area,
-        ),
-        (scene.environment.is_some(), LightClass::Environment),
-    ]
-    .into_iter()
-    .filter_map(|(present, class)| present.then_some(class))
-    .collect()
 }

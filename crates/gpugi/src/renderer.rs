@@ -18,7 +18,7 @@ use crate::gpu::{
     read_buffer,
 };
 use crate::light_paths::{LightClass, LightPaths};
-use crate::lighting::{Budget, Lighting, LightingError, Readiness, light_classes};
+use crate::lighting::{Budget, Lighting, LightingError, Readiness};
 use crate::picture::{Effects, Lit, Picture, Present, Shot, Shown, Strip};
 use crate::scene::{Edit, GpuScene, Undo};
 use crate::sequences::{low_discrepancy, sobol};
@@ -253,14 +253,18 @@ impl Renderer {
 
     /// Classes of light that the scene has.
     pub fn light_classes(&self) -> Vec<LightClass> {
-        light_classes(&self.scene)
+        self.scene.light_classes()
     }
 
-    /// Bytes that the picture takes: surface points, radiance, and how far away is what they mirror.
+    /// Bytes that the picture takes: surface points, radiance, how far away is what they mirror, and noise.
     pub fn picture_bytes(&self) -> u64 {
         let of_strip = |LitStrip { receiver, .. }: &LitStrip| {
-            let Target { radiance, mirrored } = &receiver.target;
-            receiver.points.points.size() + radiance.size() + mirrored.size()
+            let Target {
+                radiance,
+                mirrored,
+                noisy,
+            } = &receiver.target;
+            receiver.points.points.size() + radiance.size() + mirrored.size() + noisy.size()
         };
         self.strips.iter().map(of_strip).sum()
     }
@@ -314,7 +318,7 @@ impl Renderer {
             let counts = [scene.lights.len(), scene.emitters.len(), scene.media.len()];
             (
                 scene.versions.objects,
-                light_classes(scene),
+                scene.light_classes(),
                 has_kinds,
                 counts,
             )
@@ -597,7 +601,11 @@ impl Renderer {
         if self.lighting.work() > 0 {
             frame.flush();
         }
+        let is_noisy = remembers && self.lighting.is_noisy();
         for strip in &mut self.strips {
+            if is_noisy {
+                strip.expect_noise(frame, self.samples == 0)?;
+            }
             let lattice = lattice.below(strip.rows.start);
             let view = view.of_rows(&strip.rows).lit_on(lattice);
             strip.receiver.points.lit = lattice.count([view.uniform.width, view.uniform.height]);
@@ -708,6 +716,15 @@ impl Renderer {
         let radiance = self.begin_radiance()?;
         self.gpu.wait()?;
         pollster::block_on(radiance)
+    }
+
+    /// Mean linear radiance as the last live picture shows it, filtered and averaged over frames, before lens and display:
+    /// three floats per pixel, row by row from the top. Empty if no frame was shown with effects of a live view.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn live_radiance(&self) -> Result<Vec<f32>, GpuError> {
+        self.picture.live_radiance(&self.gpu)
     }
 
     /// The future of [`Renderer::radiance`]: of the samples so far, whatever is rendered before it resolves.

@@ -125,6 +125,10 @@ pub struct Target {
     /// How far along the mirrored ray lies what ideal mirrors show (m), written by techniques that know it: one f32 per
     /// pixel of a picture, 0 where none does. Other targets have a single one.
     pub mirrored: wgpu::Buffer,
+    /// What part of `radiance` is noisy, because it is drawn for each point by chance: live pictures filter it. In rgb its
+    /// sum over samples, in a the sum of squares of its luminance divided by the point's reflectance. One vec4f per pixel
+    /// of a live picture with such techniques; other targets have a single one.
+    pub noisy: wgpu::Buffer,
 }
 
 impl Target {
@@ -146,7 +150,13 @@ impl Target {
         Ok(Self {
             radiance,
             mirrored: mirrored(gpu, 1)?,
+            noisy: noisy(gpu, 1)?,
         })
+    }
+
+    /// Whether techniques tell which part of their light is noisy.
+    pub(crate) fn is_noisy(&self) -> bool {
+        self.noisy.size() > 16
     }
 
     /// A target for `count` pixels of a picture.
@@ -159,6 +169,15 @@ impl Target {
             ..Self::new(gpu, count)?
         })
     }
+}
+
+/// [`Target::noisy`] of so many points.
+///
+/// # Errors
+/// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
+pub(crate) fn noisy(gpu: &Gpu, count: u32) -> Result<wgpu::Buffer, GpuError> {
+    let bytes = u64::from(count) * 16;
+    gpu.buffer("noisy radiance [bytes]", bytes, wgpu::BufferUsages::STORAGE)
 }
 
 fn mirrored(gpu: &Gpu, count: u32) -> Result<wgpu::Buffer, GpuError> {

@@ -112,16 +112,22 @@ impl Receiver {
         frame.clear_range(target, bytes);
     }
 
-    /// What passes over the points bind: `seen`, `points` and `hits`, `radiance`, to which they add, and `mirrored`.
-    pub fn resources(&self) -> [Named<'_>; 5] {
+    /// What passes over the points bind: `seen`, `points` and `hits`, `radiance`, to which they add, `mirrored` and
+    /// `noisy`.
+    pub fn resources(&self) -> [Named<'_>; 6] {
         let [seen, points, hits] = self.points.resources();
-        let Target { radiance, mirrored } = &self.target;
+        let Target {
+            radiance,
+            mirrored,
+            noisy,
+        } = &self.target;
         [
             seen,
             points,
             hits,
             ("radiance", radiance),
             ("mirrored", mirrored),
+            ("noisy", noisy),
         ]
     }
 }

@@ -44,10 +44,10 @@ impl Key {
         let mut tracer = blake3::Hasher::new();
         tracer.update(&ALGORITHM.to_le_bytes());
         for shader in [
-            shader!("reference.wavefront.plan"),
-            shader!("reference.wavefront.trace"),
-            shader!("reference.wavefront.shade"),
-            shader!("reference.wavefront.resolve"),
+            shader!("paths.plan"),
+            shader!("paths.trace"),
+            shader!("paths.shade"),
+            shader!("reference.resolve"),
             shader!("reference.photons.trace"),
             shader!("reference.photons.resolve"),
             shader!("reference.noise"),

@@ -2,9 +2,11 @@
 //! and measures their cost. See docs/measuring.md.
 
 mod cache;
+mod live;
 mod truth;
 
 pub use cache::Cache;
+pub use live::{Live, measure_live};
 pub use truth::{Quality, Subject, TracedPart, Truth, trace};
 
 use std::ops::ControlFlow;
@@ -284,18 +286,20 @@ fn render(
             return Err(MeasureError::Interrupted);
         }
     }
-    let passes = times
-        .into_iter()
-        .map(|(pass, mut times)| {
-            times.sort_by(f64::total_cmp);
-            PassTime {
-                pass,
-                ran: times.len() as u32,
-                milliseconds: times[times.len() / 2],
-            }
-        })
-        .collect();
-    Ok((map_frames, passes))
+    Ok((map_frames, medians(times)))
+}
+
+/// The median time of each pass.
+fn medians(times: Vec<(String, Vec<f64>)>) -> Vec<PassTime> {
+    let median = |(pass, mut times): (String, Vec<f64>)| {
+        times.sort_by(f64::total_cmp);
+        PassTime {
+            pass,
+            ran: times.len() as u32,
+            milliseconds: times[times.len() / 2],
+        }
+    };
+    times.into_iter().map(median).collect()
 }
 
 /// Adds a frame's times to those of earlier frames. A pass that ran several times in a frame counts once, with the sum

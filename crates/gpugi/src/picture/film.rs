@@ -202,7 +202,7 @@ impl Still {
 pub(super) struct Image {
     /// What effects made of its radiance: rgba16float. Alpha: the frames that it averages.
     pub radiance: wgpu::TextureView,
-    /// Depth (f32, m), shading normal (octahedral), diffuse albedo (rgb9e5) and instance of each pixel: rgba32uint.
+    /// Depth (f32, m), shading normal (octahedral), reflectance (rgb9e5) and instance of each pixel: rgba32uint.
     pub surfaces: wgpu::TextureView,
     /// How it was seen; `None` before the first time.
     pub shot: Option<Shot>,
@@ -214,8 +214,11 @@ pub(super) struct Live {
     kernel: Kernel,
     /// Mean radiance of this picture: rgba16float.
     pub radiance: wgpu::TextureView,
-    /// Velocity (pixels since the picture before: x to the right, y down), roughness, depth in the picture before relative
-    /// to that in this one, how far each pixel's triangle reaches from its centre, and the velocity of what it mirrors
+    /// What part of the light is noisy, apart from the rest: rgba16float (live.wesl). `None`: no technique's is.
+    pub noise: Option<wgpu::TextureView>,
+    /// In its place, where there is none.
+    no_noise: wgpu::TextureView,
+    /// Velocity (pixels since the picture before: x to the right, y down), character of the surface, how far each pixel's triangle reaches from its centre, and the velocity of what it mirrors
     /// (film.wesl): rgba32uint.
     pub motion: wgpu::TextureView,
     images: [Image; 2],
@@ -247,6 +250,8 @@ impl Live {
         Ok(Self {
             kernel,
             radiance: texture(gpu, "film", half_floats, size)?,
+            noise: None,
+            no_noise: texture(gpu, "film.noise", half_floats, [1, 1])?,
             motion: texture(gpu, "film.motion", wgpu::TextureFormat::Rgba32Uint, size)?,
             images: [image()?, image()?],
             current: 0,
@@ -257,6 +262,11 @@ impl Live {
                 wgpu::BufferUsages::UNIFORM,
             )?,
         })
+    }
+
+    /// Which of two textures that take turns is this picture's.
+    pub fn turn(&self) -> usize {
+        self.current
     }
 
     /// This picture's image.
@@ -307,10 +317,17 @@ impl Live {
             padding: [0; 2],
         };
         self.shots.write(gpu, &[uniform]);
+        let mut strips_of_noise = strips.iter();
+        if self.noise.is_none() && strips_of_noise.any(|strip| strip.receiver.target.is_noisy()) {
+            let size = self.radiance.texture().size();
+            let size = [size.width, size.height];
+            let format = wgpu::TextureFormat::Rgba16Float;
+            self.noise = Some(texture(gpu, "film.noise", format, size)?);
+        }
         let scene_group = Some(&scene.bind_group);
         for strip in strips {
             let rows = strip.rows.end - strip.rows.start;
-            let own: [Named<'_>; 6] = [
+            let own: [Named<'_>; 7] = [
                 ("vertices", &scene.vertices),
                 (
                     "vertices_before",
@@ -320,6 +337,7 @@ impl Live {
                 ("radiance_mean", &self.radiance),
                 ("surfaces", &self.now().surfaces),
                 ("motion", &self.motion),
+                ("noise", self.noise.as_ref().unwrap_or(&self.no_noise)),
             ];
             let resources = join(&strip.receiver.resources(), &own);
             let invocations = [strip.receiver.points.count / rows.max(1), rows, 1];

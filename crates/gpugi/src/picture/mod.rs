@@ -19,9 +19,11 @@ pub use film::{Shot, Strip};
 pub use present::Present;
 pub use surfaces::{Quantity, Surfaces};
 
-use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, ReadBack, begin_read_buffer, read_buffer, read_texture};
 use crate::scene::GpuScene;
-use effects::{depth_of_field, encode, exposure, flare, glow, motion_blur, temporal_antialiasing};
+use effects::{
+    denoise, depth_of_field, encode, exposure, flare, glow, motion_blur, temporal_antialiasing,
+};
 use film::{Live, Still};
 use gpugi_scene::{Camera, Lens, Projection};
 
@@ -43,6 +45,7 @@ pub struct Picture {
     /// Made when a still picture is shown, or a live one.
     still: Option<Still>,
     live: Option<(Live, temporal_antialiasing::Pass)>,
+    denoise: denoise::Pass,
     depth_of_field: depth_of_field::Pass,
     motion_blur: motion_blur::Pass,
     glow: glow::Pass,
@@ -78,6 +81,7 @@ impl Picture {
             size,
             still: None,
             live: None,
+            denoise: denoise::Pass::default(),
             depth_of_field: depth_of_field::Pass::default(),
             motion_blur: motion_blur::Pass::default(),
             glow: glow::Pass::default(),
@@ -100,6 +104,7 @@ impl Picture {
             size,
             still: None,
             live: live.transpose()?,
+            denoise: self.denoise.resized(),
             depth_of_field: self.depth_of_field.resized(),
             motion_blur: self.motion_blur.resized(),
             glow: self.glow.resized(),
@@ -180,14 +185,24 @@ impl Picture {
             let (film, blend) = live(&mut self.live, gpu, scene, size)?;
             film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
             let samples = [lit.samples, lit.of];
+            let lit_film = self
+                .denoise
+                .record(frame, film, size, samples, &effects.denoise)?;
             if lit.is_through_lens {
                 // What frames saw through the middle of the lens is another picture.
                 film.forget();
-                let radiance = &film.radiance;
-                &(self.depth_of_field).fade(frame, radiance, size, samples)?
+                &(self.depth_of_field).fade(frame, &lit_film, size, samples)?
             } else {
                 let exposure = &self.exposure.value;
-                let radiance = blend.record(frame, film, size, samples, exposure, antialiasing)?;
+                let radiance = blend.record(
+                    frame,
+                    film,
+                    &lit_film,
+                    size,
+                    samples,
+                    exposure,
+                    antialiasing,
+                )?;
                 let settings = &effects.depth_of_field;
                 let radiance = &(self.depth_of_field)
                     .record(frame, radiance, film, &lit.shot, size, settings)?;
@@ -243,6 +258,22 @@ impl Picture {
     /// The errors of [`read_buffer`].
     pub fn pixels(&self, gpu: &Gpu) -> Result<Vec<u8>, GpuError> {
         self.begin_pixels(gpu)?.wait()
+    }
+
+    /// Mean linear radiance of the last live picture, filtered and averaged over frames, before lens and display: three
+    /// floats per pixel, in rows from top to bottom. Empty if there was none.
+    ///
+    /// # Errors
+    /// The errors of [`read_texture`](crate::gpu::read_texture).
+    pub fn live_radiance(&self, gpu: &Gpu) -> Result<Vec<f32>, GpuError> {
+        let Some((live, _)) = &self.live else {
+            return Ok(Vec::new());
+        };
+        let texture = live.now().radiance.texture();
+        let halves: Vec<[half::f16; 4]> =
+            read_texture(gpu, texture, wgpu::TextureAspect::All, 0, 0)?;
+        let rgb = |&[r, g, b, _]: &[half::f16; 4]| [r, g, b].map(f32::from);
+        Ok(halves.iter().flat_map(rgb).collect())
     }
 
     /// The future of [`Picture::pixels`].

@@ -1,17 +1,11 @@
 //! What the path tracer knows of a scene beside what [`GpuScene`] holds: which lights it samples, where photons are sent,
 //! and which solids there are. It follows edits; what they keep is measured once.
 
-use std::collections::BTreeSet;
-
-use gpugi_scene::Scene;
-
 use super::Settings;
-use super::lights::{Light, LightTable};
 use super::photons::{self, Aims, Measured};
-use super::sky::Sky;
 use super::surroundings::{self, Solid};
-use crate::gpu::{Gpu, GpuError};
 use crate::light_paths::LightClass;
+use crate::paths::LightTable;
 use crate::scene::GpuScene;
 
 /// Lights, solids and aims of a scene.
@@ -20,7 +14,7 @@ pub(super) struct Lit {
     classes: Vec<LightClass>,
     /// The classes whose photons are kept; `None` if there are no photons at all.
     photon_classes: Option<Vec<LightClass>>,
-    /// [`Sky::luminance`].
+    /// [`Sky::luminance`](crate::paths::Sky::luminance).
     sky: f64,
     measured: Measured,
     /// Versions of lights and sky that the table is of.
@@ -34,7 +28,7 @@ pub(super) struct Lit {
 }
 
 impl Lit {
-    /// What is to be known of `scene`, for light of some classes. `sky`: [`Sky::luminance`].
+    /// What is to be known of `scene`, for light of some classes. `sky`: [`Sky::luminance`](crate::paths::Sky::luminance).
     pub fn new(
         scene: &GpuScene,
         (settings, classes): (&Settings, &[LightClass]),
@@ -73,62 +67,7 @@ impl Lit {
     }
 }
 
-/// Whether the scene has surfaces that pass light without bending it: thin panes, or solids with the refractive index of
-/// air. Without them, shadow rays need not look for any, and the light tracer finds what passes a solid in another of the
-/// same index.
-pub(super) fn has_straight(scene: &Scene) -> bool {
-    let materials = scene.instances.iter().map(|instance| instance.material);
-    let used: BTreeSet<usize> = materials.collect();
-    used.iter().any(|&index| {
-        let material = &scene.materials[index];
-        material.transmission > 0.0 && (material.volume.is_none() || material.ior == 1.0)
-    })
-}
-
 /// Versions of what the light table is made of.
 fn versions(scene: &GpuScene) -> [u64; 2] {
     [scene.versions.lights, scene.versions.sky]
-}
-
-/// The lights that paths are led to, on the GPU.
-#[derive(Debug)]
-pub(super) struct LightBuffers {
-    rows: wgpu::Buffer,
-    emitter_rows: wgpu::Buffer,
-    sky: wgpu::Buffer,
-}
-
-impl LightBuffers {
-    pub fn new(gpu: &Gpu, table: &LightTable, sky: &Sky) -> Result<Self, GpuError> {
-        let sky = gpu.storage("path-tracer.sky [bytes]", &sky.words)?;
-        Self::under(gpu, table, sky)
-    }
-
-    /// Those of another table under the same sky.
-    pub fn with_table(&self, gpu: &Gpu, table: &LightTable) -> Result<Self, GpuError> {
-        Self::under(gpu, table, self.sky.clone())
-    }
-
-    fn under(gpu: &Gpu, table: &LightTable, sky: wgpu::Buffer) -> Result<Self, GpuError> {
-        // A binding must hold at least one element, even if it is unused.
-        let unlit = [bytemuck::Zeroable::zeroed()];
-        let rows: &[Light] = match table.rows.is_empty() {
-            true => &unlit,
-            false => &table.rows,
-        };
-        Ok(Self {
-            rows: gpu.storage("path-tracer.lights [bytes]", rows)?,
-            emitter_rows: gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?,
-            sky,
-        })
-    }
-
-    /// The buffers with their names in the shaders.
-    pub fn named(&self) -> [(&'static str, &wgpu::Buffer); 3] {
-        [
-            ("lights", &self.rows),
-            ("emitter_rows", &self.emitter_rows),
-            ("sky_grid", &self.sky),
-        ]
-    }
 }

@@ -6,52 +6,49 @@
 //! caustics that paths from the eye do not find.
 //! `docs/techniques/path-tracer.md` describes what is sampled and how.
 
-mod alias;
 mod check;
 mod denoised;
 #[cfg(test)]
 mod edit_tests;
 mod edits;
 mod features;
-#[cfg(test)]
-mod light_tests;
-mod lights;
 mod lit;
 #[cfg(test)]
 mod media_tests;
 mod photons;
 mod picture;
 mod settings;
-mod sky;
 mod surroundings;
 #[cfg(test)]
 mod tests;
 mod tile;
 mod wavefront;
+#[cfg(test)]
+mod wavefront_tests;
 
 pub use settings::Settings;
 
 use std::ops::ControlFlow;
 use web_time::Instant;
 
-use bytemuck::{Pod, Zeroable};
 use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Lens, Scene};
 
-use crate::capture::{View, ViewUniform};
+use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
+use crate::paths::gpu::{EyeUniform, Header, LensUniform, Parameters};
+use crate::paths::{LightBuffers, Sky, has_straight};
 use crate::scene::{GpuScene, has_smooth_objects};
 use crate::settings::SettingError;
 use crate::shader;
 use crate::shutter::{Motion, moment};
 use crate::techniques::{Cost, Info, Needs, Role};
 use features::Looker;
-use lit::{LightBuffers, Lit, has_straight};
+use lit::Lit;
 use photons::Photons;
 use picture::Sums;
-use sky::Sky;
 use tile::{BLOCK_PIXELS, Tile, tiles};
 use wavefront::Wavefront;
 
@@ -83,43 +80,6 @@ const BATCH_SECONDS: f64 = 0.2;
 /// [`MOST_PER_MOMENT`]. Before as many, nobody knows how noisy the picture is.
 const MOMENTS: u32 = 256;
 const MOST_PER_MOMENT: u32 = 16;
-/// `Settings` of reference/path_state.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Parameters {
-    tile_x: u32,
-    tile_y: u32,
-    tile_width: u32,
-    tile_height: u32,
-    first_block: u32,
-    samples: u32,
-    first_sample: u32,
-    max_bounces: u32,
-    roulette_after: u32,
-    light_count: u32,
-    sky_probability: f32,
-    emission_classes: u32,
-    solids: [u32; 4],
-}
-
-/// `Lens` of reference/lens.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct LensUniform {
-    right: [f32; 3],
-    focus: f32,
-    up: [f32; 3],
-    blades: u32,
-}
-
-/// `Eye` of reference/path_state.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct EyeUniform {
-    view: ViewUniform,
-    lens: LensUniform,
-}
-
 /// A pass over the image, and its progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pass {
@@ -142,7 +102,7 @@ struct Batch {
 #[derive(Debug)]
 enum Work {
     /// Paths, with how far they are.
-    Paths(wavefront::Batch, ReadBack<Vec<wavefront::Header>>),
+    Paths(wavefront::Batch, ReadBack<Vec<Header>>),
     /// So many photons, with something that arrives after them.
     Photons(u64, ReadBack<Vec<u32>>),
 }
@@ -285,7 +245,7 @@ impl PathTracer {
         let has_photons = has_photons && scene.media.is_empty();
         let of_settings = (settings, &classes[..]);
         let lit = Lit::new(&on_gpu, of_settings, sky.luminance, has_photons);
-        let lights = LightBuffers::new(gpu, &lit.table, &sky)?;
+        let lights = LightBuffers::new(gpu, &lit.table, sky.upload(gpu)?)?;
         let flag = |set: bool| f64::from(u8::from(set));
         let has_transmission = scene.instances.iter().any(|instance| {
             let material = &scene.materials[instance.material];
@@ -781,7 +741,9 @@ impl PathTracer {
         };
         self.gpu
             .write(&self.parameters, 0, std::slice::from_ref(&parameters));
-        self.wavefront.begin(&self.gpu, blocks, samples, rays)
+        let place = (self.samples, self.seed);
+        self.wavefront
+            .begin(&self.gpu, blocks, samples, place, rays)
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target};
+use crate::capture::{Capture, Receiver, SURFACE_POINT_BYTES, Target, noisy};
 use crate::denoise::OfPoints;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::{Frame, Gpu, GpuError};
 use crate::lighting::Lighting;
 use crate::picture::Strip;
 
@@ -19,6 +19,20 @@ pub(super) struct LitStrip {
 }
 
 impl LitStrip {
+    /// Lets techniques tell which part of their light is noisy. `begins`: of a picture that begins.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn expect_noise(&mut self, frame: &mut Frame<'_>, begins: bool) -> Result<(), GpuError> {
+        let Receiver { points, target, .. } = &mut self.receiver;
+        if !target.is_noisy() {
+            target.noisy = noisy(frame.gpu, points.count)?;
+        } else if begins {
+            frame.clear(&target.noisy);
+        }
+        Ok(())
+    }
+
     pub fn strip(&self) -> Strip<'_> {
         Strip {
             receiver: &self.receiver,

@@ -35,6 +35,7 @@ use std::sync::Arc;
 use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Medium, Scene};
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
+use crate::light_paths::LightClass;
 use atlases::Atlases;
 pub use atlases::LayOut;
 use bounds_tree::BoundsTree;
@@ -222,6 +223,16 @@ impl GpuScene {
     /// The current meshes, instances, materials and images, whatever the scene is used for.
     pub(crate) fn kept(&self) -> &Scene {
         &self.host
+    }
+
+    /// Classes of light that the scene has.
+    pub fn light_classes(&self) -> Vec<LightClass> {
+        let is_present = |class: &LightClass| match class {
+            LightClass::Punctual => !self.lights.is_empty(),
+            LightClass::Area => !self.emitters.is_empty() || emit_light(&self.media),
+            LightClass::Environment => self.environment.is_some(),
+        };
+        LightClass::ALL.into_iter().filter(is_present).collect()
     }
 
     /// Whether shaders may trace rays in the scene.

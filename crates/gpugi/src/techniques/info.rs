@@ -28,6 +28,8 @@ pub struct Info {
     pub lights_points: OwnPoints,
     /// Where it adds light and dims it, on the way from surfaces to the eye.
     pub layer: Layer,
+    /// Whether its light is drawn by chance for each point, so that live pictures filter it ([`Target::noisy`](crate::capture::Target::noisy)).
+    pub is_noisy: bool,
     /// What else than light it provides to the techniques after it.
     pub provides: &'static [Provided],
 }
@@ -59,6 +61,7 @@ impl Info {
         cost: Cost::Frame,
         lights_points: OwnPoints::None,
         layer: Layer::Surfaces,
+        is_noisy: false,
         provides: &[],
     };
 }
@@ -78,6 +81,8 @@ pub enum Role {
     Indirect,
     /// Not light, but the share of it that arrives: a factor on the light of others.
     Factor,
+    /// All light that the techniques before it leave out.
+    Everything,
     /// All light, as the truth that others are measured against.
     Reference,
 }

@@ -17,6 +17,7 @@ pub mod obscurances;
 pub(crate) mod occasion;
 mod openness;
 pub mod participating_media;
+pub mod path_tracing;
 mod precomputed;
 pub mod radiance_transfer;
 pub mod radiosity;

@@ -3,7 +3,7 @@
 use super::{
     Info, Occasion, Provided, Technique, Values, caustics, distance_impostor, environment_map,
     final_gather, image_based_lighting, light_path_map, obscurances, participating_media,
-    radiance_transfer, radiosity, ray_tracing, shadow_map,
+    path_tracing, radiance_transfer, radiosity, ray_tracing, shadow_map,
 };
 use crate::gpu::{Gpu, GpuError};
 use crate::scene::GpuScene;
@@ -49,6 +49,7 @@ impl Default for Registry {
             final_gather::REGISTRATION,
             ray_tracing::REGISTRATION,
             distance_impostor::REGISTRATION,
+            path_tracing::REGISTRATION,
         ])
     }
 }

@@ -12,6 +12,7 @@ const ORDER: &[&[&str]] = &[
     &["scene"],
     &["capture", "prefiltered", "ray_bench"],
     &["denoise", "impostor", "lights", "probes"],
+    &["paths"],
     &["techniques"],
     &["lighting", "picture"],
     &["default_set", "reference", "bake"],

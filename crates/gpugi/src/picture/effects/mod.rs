@@ -1,6 +1,7 @@
 //! Effects: what happens to a picture between its film and its display, each in a folder with host code, shader,
 //! settings and tests. [`Effects`] holds their settings in the order in which [`super::Picture::record`] applies them.
 
+pub mod denoise;
 pub mod depth_of_field;
 pub mod encode;
 pub mod exposure;
@@ -19,6 +20,8 @@ const CAMERA_GLOW: f32 = 0.1;
 /// Settings of all effects, in the order in which they are applied.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Effects {
+    /// What the noisy light of live pictures is averaged over. Nothing in still pictures.
+    pub denoise: denoise::Settings,
     /// Averages what neighbouring frames saw of the same surfaces. Off by default: a still picture has no frame before it.
     pub temporal_antialiasing: temporal_antialiasing::Settings,
     /// What a lens does not see sharply, in live pictures. Nothing through a pinhole.
@@ -41,7 +44,8 @@ pub struct Effects {
 
 impl Effects {
     /// Names of all effects, in their order.
-    pub const NAMES: [&'static str; 9] = [
+    pub const NAMES: [&'static str; 10] = [
+        "denoise",
         "temporal-antialiasing",
         "depth-of-field",
         "motion-blur",
@@ -98,8 +102,9 @@ impl Effects {
     }
 
     /// The settings of each effect, with its name.
-    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 9] {
+    pub fn all(&self) -> [(&'static str, &dyn SettingSet); 10] {
         let [
+            denoise,
             temporal,
             depth_of_field,
             motion_blur,
@@ -111,6 +116,7 @@ impl Effects {
             encode,
         ] = Self::NAMES;
         [
+            (denoise, &self.denoise),
             (temporal, &self.temporal_antialiasing),
             (depth_of_field, &self.depth_of_field),
             (motion_blur, &self.motion_blur),
@@ -126,7 +132,8 @@ impl Effects {
     /// The settings of the effect `name`, to be changed; `None` if there is no such effect.
     pub fn of_mut(&mut self, name: &str) -> Option<&mut dyn SettingSet> {
         let index = Self::NAMES.iter().position(|effect| *effect == name)?;
-        let all: [&mut dyn SettingSet; 9] = [
+        let all: [&mut dyn SettingSet; 10] = [
+            &mut self.denoise,
             &mut self.temporal_antialiasing,
             &mut self.depth_of_field,
             &mut self.motion_blur,

@@ -8,8 +8,8 @@ use glam::{Mat3, Mat4, Vec3};
 use gpugi_scene::{Bounds, Image, Material, MaterialModel, Mesh, Pixels, Scene};
 
 use crate::light_paths::LightClass;
-use crate::reference::alias;
-use crate::reference::lights::{DIRECTIONAL, LIGHT_TRACED, Light, SKY, TRIANGLE, luminance};
+use crate::paths::alias;
+use crate::paths::lights::{DIRECTIONAL, LIGHT_TRACED, Light, SKY, TRIANGLE, luminance};
 use crate::reference::surroundings::{Solid, around};
 use crate::scene::DELTA_ROUGHNESS;
 

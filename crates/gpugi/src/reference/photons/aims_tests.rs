@@ -7,7 +7,7 @@ use gpugi_scene::{Bounds, Material, Scene};
 
 use super::aims::Measured;
 use super::spheres;
-use crate::reference::lights::Light;
+use crate::paths::lights::Light;
 
 /// Spheres hold the objects, however they are placed, and without a light there are none.
 #[test]

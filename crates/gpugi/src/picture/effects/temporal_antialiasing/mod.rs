@@ -94,7 +94,7 @@ impl Pass {
         })
     }
 
-    /// Blends a film of `samples` samples, which will have `of` at rest, with the picture before it: pass
+    /// Blends a film of `samples` samples with this `radiance`, which will have `of` at rest, with the picture before it: pass
     /// `picture.temporal-antialiasing`. `exposure`: the exposure value of the frame before. Returns the picture.
     ///
     /// # Errors
@@ -103,6 +103,7 @@ impl Pass {
         &self,
         frame: &mut Frame<'_>,
         film: &'a Live,
+        radiance: &wgpu::TextureView,
         size: [u32; 2],
         [samples, of]: [u32; 2],
         exposure: &wgpu::Buffer,
@@ -131,7 +132,7 @@ impl Pass {
         };
         self.blend.write(gpu, &[blend]);
         let resources: [Named<'_>; 9] = [
-            ("radiance", &film.radiance),
+            ("radiance", radiance),
             ("surfaces", &now.surfaces),
             ("motion", &film.motion),
             ("history", &before.radiance),

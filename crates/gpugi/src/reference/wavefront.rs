@@ -8,17 +8,12 @@
 //! nothing back until it has submitted the estimated number of steps, or as many as the caller lets it trace rays. It
 //! adds steps until the batch is done; then `resolve` adds the batch's samples to the film.
 
-#[cfg(test)]
-mod tests;
-
-use bytemuck::{Pod, Zeroable};
-
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, ReadBack, begin_read_buffer};
+use crate::paths::gpu::Header;
+use crate::paths::{Kernels, PATH_ROWS};
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Rows of 16 bytes per path in `rows` of pool.wesl, excluding the results.
-const ROWS: u64 = 14;
 const ROW_BYTES: u64 = 16;
 /// Paths in flight. On a GPU, enough to fill the largest GPUs for a millisecond; on a processor, as many as its caches
 /// hold.
@@ -34,23 +29,6 @@ const MORE_STEPS: u32 = 8;
 /// and about ten on a small one.
 const STEPS_A_SUBMISSION: u32 = 16;
 
-/// `Pool` of pool.wesl, excluding its rows.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, Pod, Zeroable)]
-pub(super) struct Header {
-    capacity: u32,
-    items: u32,
-    side: u32,
-    kept: u32,
-    alive: u32,
-    first_item: u32,
-    shadow_rays: u32,
-    steps: u32,
-    listed: u32,
-    listed_shadow_rays: u32,
-    padding: [u32; 2],
-}
-
 /// The kernels, the pool and their bind groups.
 #[derive(Debug)]
 pub(super) struct Wavefront {
@@ -59,13 +37,13 @@ pub(super) struct Wavefront {
     shade: Stage,
     resolve: Kernel,
     resolve_pool: wgpu::BindGroup,
-    lights: wgpu::BindGroup,
+    pub(super) lights: wgpu::BindGroup,
     pool: wgpu::Buffer,
     /// Workgroup counts of `trace` and `shade`, written by `plan`.
     arguments: wgpu::Buffer,
-    capacity: u32,
+    pub(super) capacity: u32,
     /// Number of samples for which the results of a batch have room.
-    items: u32,
+    pub(super) items: u32,
     /// Steps that the last batch took per round of as many items as the pool has paths.
     steps_per_round: f64,
 }
@@ -140,34 +118,10 @@ impl Wavefront {
         )?;
         let mut all = buffers.to_vec();
         all.extend([("pool", &pool), ("arguments", &arguments)]);
-        let hot = |shader, constants: &[(&str, f64)]| -> Result<Stage, GpuError> {
-            let options = KernelOptions {
-                constants,
-                // Worth 3 to 7 percent on an H200. Indices are in range: those of the scene's tables because the host
-                // wrote them, those of the traversal's stack because the host knows its depth, and those of the pool
-                // because `plan` respects its capacity, and those of media because they are clamped to grids that
-                // the host wrote. Loops terminate: traversal because a hierarchy is a tree, and tracking after a number
-                // of steps.
-                unchecked: true,
-            };
-            let kernel =
-                Kernel::with_options(gpu, &shader, "main", Some(&scene.ray_layout), &options)?;
-            Stage::new(gpu, kernel, &all, &["seen", "settings", "automaton"])
-        };
-        let plan = Kernel::new(gpu, &shader!("reference.wavefront.plan"), "main", None)?;
-        let resolve = Kernel::new(gpu, &shader!("reference.wavefront.resolve"), "main", None)?;
-        let rays: Vec<_> = constants
-            .iter()
-            .copied()
-            .filter(|(name, _)| !["HAS_PATH_FILTER", "LIGHT_TRACER_HAS_LAMPS"].contains(name))
-            .collect();
-        let surfaces: Vec<_> = constants
-            .iter()
-            .copied()
-            .filter(|(name, _)| !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES"].contains(name))
-            .collect();
-        let trace = hot(shader!("reference.wavefront.trace"), &rays)?;
-        let shade = hot(shader!("reference.wavefront.shade"), &surfaces)?;
+        let Kernels { plan, trace, shade } = Kernels::new(gpu, scene, constants)?;
+        let resolve = Kernel::new(gpu, &shader!("reference.resolve"), "main", None)?;
+        let trace = Stage::new(gpu, trace, &all, &["seen", "settings", "automaton"])?;
+        let shade = Stage::new(gpu, shade, &all, &["settings", "automaton"])?;
         Ok(Self {
             lights: bind(gpu, &shade.kernel, 2, &all, &LIGHTS)?,
             plan: Stage::new(gpu, plan, &all, &["arguments"])?,
@@ -204,12 +158,12 @@ impl Wavefront {
         // Small images take several samples per pixel at once.
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let wanted = (4 * pixels.min(paths)).next_multiple_of(64).min(paths);
-        let capacity = wanted.min(rows / (ROWS + 4)) & !63;
+        let capacity = wanted.min(rows / (PATH_ROWS + 4)) & !63;
         if capacity <= u64::from(self.capacity) {
             return Ok(());
         }
-        let items = (rows - capacity * ROWS).min(capacity * ITEMS_PER_PATH) & !63;
-        self.pool = pool(gpu, capacity * ROWS + items)?;
+        let items = (rows - capacity * PATH_ROWS).min(capacity * ITEMS_PER_PATH) & !63;
+        self.pool = pool(gpu, capacity * PATH_ROWS + items)?;
         let named = [("pool", &self.pool)];
         for stage in [&mut self.plan, &mut self.trace, &mut self.shade] {
             stage.pool = bind(gpu, &stage.kernel, 3, &named, &["pool"])?;
@@ -235,14 +189,24 @@ impl Wavefront {
         self.items
     }
 
-    /// Begins the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel. No more
+    /// Begins the batch of samples that the settings describe, `blocks` blocks with `samples` samples per pixel from
+    /// `first_sample` on. No more
     /// than about `rays` paths are in flight, so that a step traces no more.
-    pub fn begin(&self, gpu: &Gpu, blocks: u32, samples: u32, rays: u64) -> Batch {
+    pub fn begin(
+        &self,
+        gpu: &Gpu,
+        blocks: u32,
+        samples: u32,
+        (first_sample, seed): (u32, u32),
+        rays: u64,
+    ) -> Batch {
         let least = self.capacity.min(LEAST_PATHS);
         let capacity = rays.clamp(u64::from(least), u64::from(self.capacity)) as u32;
         let header = Header {
             capacity,
             items: blocks * 64 * samples,
+            seed,
+            first_sample,
             ..Default::default()
         };
         gpu.write(&self.pool, 0, std::slice::from_ref(&header));

@@ -5,11 +5,12 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, LightKind, Scene};
 
 use super::alias;
+use crate::gpu::{Gpu, GpuError};
 use crate::light_paths::LightClass;
 use crate::lights::gpu::cone;
 use crate::scene::{Emitter, GpuScene};
 
-/// `Light` of reference/light_table.wesl.
+/// `Light` of paths/light_table.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub struct Light {
@@ -48,7 +49,7 @@ pub const LIGHT_TRACED: u32 = 4;
 pub struct LightTable {
     /// The rows; empty if no selectable light emits.
     pub rows: Vec<Light>,
-    /// `emitter_rows` of reference/lights.wesl.
+    /// `emitter_rows` of paths/lights.wesl.
     pub emitter_rows: Vec<u32>,
     /// Probability of choosing the sky.
     pub sky_probability: f32,
@@ -200,5 +201,50 @@ fn triangle_row(scene: &Scene, emitter: &Emitter) -> Light {
         emission: emitter.radiance.to_array(),
         flags: flag(emitter.two_sided, TWO_SIDED) | flag(textured, TEXTURED),
         ..Zeroable::zeroed()
+    }
+}
+
+/// The lights that paths are led to, on the GPU.
+#[derive(Debug)]
+pub struct LightBuffers {
+    rows: wgpu::Buffer,
+    emitter_rows: wgpu::Buffer,
+    sky: wgpu::Buffer,
+}
+
+impl LightBuffers {
+    /// Those of a table, and the grid of the sky ([`super::Sky::upload`]).
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(gpu: &Gpu, table: &LightTable, sky: wgpu::Buffer) -> Result<Self, GpuError> {
+        // A binding must hold at least one element, even if it is unused.
+        let unlit = [bytemuck::Zeroable::zeroed()];
+        let rows: &[Light] = match table.rows.is_empty() {
+            true => &unlit,
+            false => &table.rows,
+        };
+        Ok(Self {
+            rows: gpu.storage("path-tracer.lights [bytes]", rows)?,
+            emitter_rows: gpu.storage("path-tracer.emitters [bytes]", &table.emitter_rows)?,
+            sky,
+        })
+    }
+
+    /// Those of another table under the same sky.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn with_table(&self, gpu: &Gpu, table: &LightTable) -> Result<Self, GpuError> {
+        Self::new(gpu, table, self.sky.clone())
+    }
+
+    /// The buffers with their names in the shaders.
+    pub fn named(&self) -> [(&'static str, &wgpu::Buffer); 3] {
+        [
+            ("lights", &self.rows),
+            ("emitter_rows", &self.emitter_rows),
+            ("sky_grid", &self.sky),
+        ]
     }
 }

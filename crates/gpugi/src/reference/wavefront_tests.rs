@@ -6,8 +6,9 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, Scene, builtin::builtin};
 
 use crate::gpu::{Frame, Gpu, Kernel, KernelOptions, read_buffer};
-use crate::reference::lit::has_straight;
-use crate::reference::{Parameters, PathTracer, Progress, Settings, TILE_SIDE};
+use crate::paths::gpu::Parameters;
+use crate::paths::has_straight;
+use crate::reference::{PathTracer, Progress, Settings, TILE_SIDE};
 use crate::shader;
 use crate::testing::test_gpu;
 

@@ -4,12 +4,13 @@ use gpugi_scene::image::LUMINANCE;
 use gpugi_scene::{Image, Pixels};
 
 use super::alias;
+use crate::gpu::{Gpu, GpuError};
 use crate::scene::{shown, texel_scale};
 
 /// Maximum number of cells along each axis. A grid of this size takes 96 MiB and is finer than most maps.
 const MOST_CELLS: [usize; 2] = [4096, 2048];
 
-/// `Sky` of reference/sky.wesl, and the amount of light in it.
+/// `Sky` of paths/sky.wesl, and the amount of light in it.
 #[derive(Debug)]
 pub struct Sky {
     /// Width and height; then a threshold, an alias and a probability per cell.
@@ -25,6 +26,14 @@ impl Sky {
             words: vec![1, 1, 0, 0, 0],
             luminance: 0.0,
         }
+    }
+
+    /// The grid on the GPU.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn upload(&self, gpu: &Gpu) -> Result<wgpu::Buffer, GpuError> {
+        gpu.storage("path-tracer.sky [bytes]", &self.words)
     }
 
     /// The grid of an environment's image, however it is turned and scaled. A cell's weight is the light that the map, interpolated between texels, emits from

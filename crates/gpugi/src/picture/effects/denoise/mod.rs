@@ -1,0 +1,239 @@
+//! Denoising: the light that techniques draw for each point by chance is averaged over the latest frames and over the pixels
+//! around that show the same surface; light without noise stays sharp. docs/effects/denoise.md.
+
+#[cfg(test)]
+mod tests;
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
+use crate::picture::film::{Live, texture};
+use crate::scene::Versions;
+use crate::shader;
+
+crate::choices! {
+    /// What noisy light is averaged over.
+    pub enum Filter {
+        /// Nothing.
+        None = "none",
+        /// The pixels around.
+        Spatial = "spatial",
+        /// The frames before, and the pixels around.
+        Temporal = "temporal",
+    }
+}
+
+crate::settings! {
+    /// Settings of denoising.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// What noisy light of live pictures is averaged over: none; spatial, pixels around that show the same surface;
+        /// temporal, these and the frames before.
+        pub filter: Filter = Filter::Temporal => any(),
+        /// Frames that are averaged while something moves.
+        pub frames: u32 = 32 => in_range(1.0, 255.0),
+        /// Passes over the pixels around, each twice as far as the one before.
+        pub passes: u32 = 5 => in_range(1.0, 6.0),
+    }
+}
+
+/// Frames after a change of lights or objects in which the history is clipped to what the latest frames saw, and the
+/// deviations that it may have from that.
+const UNSETTLED_FRAMES: u32 = 16;
+const DEVIATIONS: f32 = 1.0;
+
+/// Samples of a picture at rest after which what earlier frames saw no longer counts.
+const REST_SAMPLES: u32 = 32;
+
+/// `Filter` of guide.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct FilterUniform {
+    size: [u32; 2],
+    samples: f32,
+    most_before: f32,
+    deviations: f32,
+    step: u32,
+    is_last: u32,
+    padding: u32,
+}
+
+/// What is remembered of a picture: rgba16float.
+#[derive(Debug)]
+struct Memory {
+    /// Mean of many frames, and their number.
+    long: wgpu::TextureView,
+    /// Mean of few, and the root mean square of their luminance.
+    short: wgpu::TextureView,
+}
+
+/// Textures of pictures of one size.
+#[derive(Debug)]
+struct Textures {
+    /// This picture's and that of the picture before, by [`Live::turn`].
+    memories: [Memory; 2],
+    signals: [wgpu::TextureView; 2],
+    lit: wgpu::TextureView,
+}
+
+#[derive(Debug, Clone)]
+struct Kernels {
+    accumulate: Kernel,
+    estimate: Kernel,
+    smooth: Kernel,
+}
+
+/// The passes.
+#[derive(Debug, Default)]
+pub(in crate::picture) struct Pass {
+    kernels: Option<Kernels>,
+    textures: Option<Textures>,
+    /// What was shown last, and the frames since that changed.
+    versions: Option<Versions>,
+    settled: u32,
+}
+
+impl Pass {
+    /// The same for pictures of another size; it compiles nothing.
+    pub fn resized(&self) -> Self {
+        Self {
+            kernels: self.kernels.clone(),
+            ..Self::default()
+        }
+    }
+
+    /// Begins to compile what `settings` ask for.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn prepare(&mut self, gpu: &Gpu, settings: &Settings) -> Result<(), GpuError> {
+        if self.kernels.is_some() || settings.filter == Filter::None {
+            return Ok(());
+        }
+        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
+        self.kernels = Some(Kernels {
+            accumulate: kernel(shader!("picture.effects.denoise.accumulate"))?,
+            estimate: kernel(shader!("picture.effects.denoise.estimate"))?,
+            smooth: kernel(shader!("picture.effects.denoise.smooth"))?,
+        });
+        Ok(())
+    }
+
+    /// Filters the noise of a film of `samples` samples, which will have `of` at rest: passes `picture.denoise`. Returns
+    /// the film's radiance with it.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        film: &Live,
+        size: [u32; 2],
+        [samples, of]: [u32; 2],
+        settings: &Settings,
+    ) -> Result<wgpu::TextureView, GpuError> {
+        let gpu = frame.gpu;
+        self.prepare(gpu, settings)?;
+        let (Some(kernels), Some(noise)) = (&self.kernels, &film.noise) else {
+            return Ok(film.radiance.clone());
+        };
+        let (now, before) = (film.now(), film.before());
+        let versions = now.shot.map(|shot| shot.versions);
+        let has_changed = self.versions.is_some() && self.versions != versions;
+        self.settled = match has_changed {
+            true => 0,
+            false => self.settled.saturating_add(1),
+        };
+        self.versions = versions;
+        let textures = match &mut self.textures {
+            Some(textures) => textures,
+            none => none.insert(Textures::new(gpu, size)?),
+        };
+        let end = REST_SAMPLES.min(of).max(2);
+        let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
+        let remembers = before.shot.is_some() && settings.filter == Filter::Temporal;
+        let filter = FilterUniform {
+            size,
+            samples: samples as f32,
+            most_before: match remembers {
+                true => (settings.frames - 1) as f32 * rest,
+                false => 0.0,
+            },
+            deviations: match self.settled < UNSETTLED_FRAMES {
+                true => DEVIATIONS,
+                false => 0.0,
+            },
+            step: 1,
+            is_last: 0,
+            padding: 0,
+        };
+        let uniform = gpu.constant("denoise", &filter)?;
+        let [long_before, short_before] = {
+            let memory = &textures.memories[1 - film.turn()];
+            [&memory.long, &memory.short]
+        };
+        let memory = &textures.memories[film.turn()];
+        let invocations = [size[0], size[1], 1];
+        let resources: [Named<'_>; 9] = [
+            ("noise", noise),
+            ("surfaces", &now.surfaces),
+            ("motion", &film.motion),
+            ("long_before", long_before),
+            ("short_before", short_before),
+            ("surfaces_before", &before.surfaces),
+            ("parameters", &uniform),
+            ("long", &memory.long),
+            ("short", &memory.short),
+        ];
+        let name = "picture.denoise.accumulate";
+        frame.run(name, &kernels.accumulate, None, &resources, invocations)?;
+        let resources: [Named<'_>; 5] = [
+            ("surfaces", &now.surfaces),
+            ("long", &memory.long),
+            ("short", &memory.short),
+            ("parameters", &uniform),
+            ("signal", &textures.signals[0]),
+        ];
+        let name = "picture.denoise.estimate";
+        frame.run(name, &kernels.estimate, None, &resources, invocations)?;
+        for pass in 0..settings.passes {
+            let is_last = pass + 1 == settings.passes;
+            let filter = FilterUniform {
+                step: 1 << pass,
+                is_last: is_last.into(),
+                ..filter
+            };
+            let uniform = gpu.constant("denoise", &filter)?;
+            let [from, to] =
+                [pass % 2, 1 - pass % 2].map(|index| &textures.signals[index as usize]);
+            let resources: [Named<'_>; 6] = [
+                ("surfaces", &now.surfaces),
+                ("motion", &film.motion),
+                ("radiance", &film.radiance),
+                ("signal", from),
+                ("parameters", &uniform),
+                ("smoothed", if is_last { &textures.lit } else { to }),
+            ];
+            let name = "picture.denoise.smooth";
+            frame.run(name, &kernels.smooth, None, &resources, invocations)?;
+        }
+        Ok(textures.lit.clone())
+    }
+}
+
+impl Textures {
+    fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let texture = |label: &str| texture(gpu, label, wgpu::TextureFormat::Rgba16Float, size);
+        let memory = || {
+            Ok::<_, GpuError>(Memory {
+                long: texture("denoise.long")?,
+                short: texture("denoise.short")?,
+            })
+        };
+        Ok(Self {
+            memories: [memory()?, memory()?],
+            signals: [texture("denoise.signal")?, texture("denoise.signal")?],
+            lit: texture("denoise.lit")?,
+        })
+    }
+}

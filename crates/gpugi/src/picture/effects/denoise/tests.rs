@@ -1,0 +1,1 @@
+//! Frames with noise against pictures of many samples.

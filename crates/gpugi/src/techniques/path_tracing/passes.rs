@@ -1,0 +1,255 @@
+//! The passes of a gather: paths begin at a receiver's points, go on step by step, and their light is added to the target.
+//! Nothing is read back; the GPU counts the paths of each step.
+
+use bytemuck::Zeroable;
+use gpugi_scene::Image;
+
+use super::Settings;
+use crate::capture::Receiver;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
+use crate::light_paths::{LightClass, PathFilter};
+use crate::paths::gpu::{EyeUniform, Header, Parameters};
+use crate::paths::{Kernels, LightBuffers, LightTable, PATH_ROWS, Sky, has_straight};
+use crate::scene::{GpuScene, Inputs, Versions};
+use crate::shader;
+use crate::stage::{Same, Stage};
+
+/// Paths in flight: the smallest bindings that WebGPU promises hold them. In software, as many as caches hold.
+const PATHS: u32 = 1 << 19;
+const PATHS_IN_SOFTWARE: u32 = 1 << 14;
+/// Bytes of a path, with its result.
+const PATH_BYTES: u64 = (PATH_ROWS + 1) * 16;
+/// Surfaces after which chance may end a path.
+const ROULETTE_AFTER: u32 = 3;
+/// Side of a block of points, whose paths are neighbours.
+const BLOCK: u32 = 8;
+
+/// What the passes are compiled for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Constants {
+    values: Vec<(&'static str, f64)>,
+    pattern: &'static str,
+}
+
+impl Constants {
+    /// In `scene`, for paths of `pattern`.
+    pub fn of(scene: &GpuScene, pattern: &'static str) -> Self {
+        let flag = |set: bool| f64::from(u8::from(set));
+        let mut objects = scene.objects.iter();
+        let passes_light = objects.any(|object| object.is_transmissive || object.is_translucent);
+        let mut values = vec![
+            ("HAS_TRANSMISSION", flag(passes_light)),
+            ("HAS_STRAIGHT", flag(has_straight(scene.kept()))),
+            ("HAS_PATH_FILTER", 1.0),
+            ("LIGHT_TRACER_HAS_LAMPS", 0.0),
+            scene.media_constant(),
+        ];
+        values.extend(scene.ray_constants());
+        Self { values, pattern }
+    }
+}
+
+/// Lights of a scene that paths are led to.
+#[derive(Debug, Default)]
+pub struct Lights {
+    /// The grid of the environment's image, and the light in it.
+    sky: Stage<Option<Same<Image>>, (wgpu::Buffer, f64)>,
+    table: Stage<Versions, Table>,
+}
+
+#[derive(Debug)]
+struct Table {
+    buffers: LightBuffers,
+    count: u32,
+    sky_probability: f32,
+}
+
+impl Lights {
+    /// Follows the scene's lights.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn follow(&mut self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
+        let environment = scene.environment.as_ref();
+        let image = environment.map(|environment| Same(environment.image.clone()));
+        let (sky, luminance) = self.sky.keep(image, |_| {
+            let sky =
+                environment.map_or_else(Sky::none, |environment| Sky::new(&environment.image));
+            Ok::<_, GpuError>((sky.upload(gpu)?, sky.luminance))
+        })?;
+        let made_of = Inputs::LIGHTS | Inputs::SKY | Inputs::ENVIRONMENT;
+        self.table.keep(scene.versions.of(made_of), |_| {
+            let table = LightTable::new(scene, &LightClass::ALL, *luminance);
+            Ok::<_, GpuError>(Table {
+                buffers: LightBuffers::new(gpu, &table, sky.clone())?,
+                count: table.rows.len() as u32,
+                sky_probability: table.sky_probability,
+            })
+        })?;
+        Ok(())
+    }
+}
+
+/// The compiled passes, and the paths in flight.
+#[derive(Debug)]
+pub struct Passes {
+    begin: Kernel,
+    kernels: Kernels,
+    add: Kernel,
+    automaton: wgpu::Buffer,
+    /// `trace` binds the eye, from which none of these paths begins.
+    eye: wgpu::Buffer,
+    arguments: wgpu::Buffer,
+    /// `Pool` of paths/pool.wesl, and for how many paths.
+    pool: Option<(u32, wgpu::Buffer)>,
+}
+
+impl Passes {
+    /// Compiles the passes, for paths of `filter`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        constants: &Constants,
+        filter: &PathFilter,
+    ) -> Result<Self, GpuError> {
+        let own = Some(&scene.layout);
+        let begin = shader!("techniques.path_tracing.begin");
+        let add = shader!("techniques.path_tracing.add");
+        Ok(Self {
+            begin: Kernel::new(gpu, &begin, "main", own)?,
+            kernels: Kernels::new(gpu, scene, &constants.values)?,
+            add: Kernel::new(gpu, &add, "main", None)?,
+            automaton: gpu.storage("path-tracing.automaton", &filter.automaton().words())?,
+            eye: gpu.uniform("path-tracing.eye", &EyeUniform::zeroed())?,
+            arguments: gpu.buffer(
+                "path-tracing.arguments",
+                24,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
+            )?,
+            pool: None,
+        })
+    }
+
+    /// Adds light to the receiver's target.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn record(
+        &mut self,
+        frame: &mut Frame<'_>,
+        scene: &GpuScene,
+        receiver: &Receiver,
+        lights: &Lights,
+        settings: &Settings,
+    ) -> Result<(), GpuError> {
+        let gpu = frame.gpu;
+        let points = &receiver.points;
+        let Some(table) = lights.table.get().filter(|_| points.lit > 0) else {
+            return Ok(());
+        };
+        // Rows as wide as the picture's, for blocks of neighbours.
+        let interval = (f64::from(points.count) / f64::from(points.lit))
+            .sqrt()
+            .round() as u32;
+        let width = points.hits.texture().width().div_ceil(interval.max(1));
+        let size = [width, points.lit.div_ceil(width)];
+        let blocks = size
+            .map(|side| side.div_ceil(BLOCK))
+            .iter()
+            .product::<u32>();
+        let (capacity, pool) = self.pool(gpu, blocks * BLOCK * BLOCK * settings.samples)?;
+        let blocks_at_once = (capacity / (BLOCK * BLOCK * settings.samples)).max(1);
+        let (of_scene, of_rays) = (Some(&scene.bind_group), Some(&scene.ray_bind_group));
+        for first_block in (0..blocks).step_by(blocks_at_once as usize) {
+            let count = blocks_at_once.min(blocks - first_block);
+            let parameters = Parameters {
+                tile_width: size[0],
+                tile_height: size[1],
+                first_block,
+                samples: settings.samples,
+                max_bounces: settings.bounces,
+                roulette_after: ROULETTE_AFTER,
+                light_count: table.count,
+                sky_probability: table.sky_probability,
+                emission_classes: 3,
+                ..Parameters::zeroed()
+            };
+            let parameters = gpu.constant("path-tracing.settings", &parameters)?;
+            let of_points: [Named<'_>; 6] = [
+                ("seen_by", &points.view),
+                ("points", &points.points),
+                ("radiance", &receiver.target.radiance),
+                ("noisy", &receiver.target.noisy),
+                ("settings", &parameters),
+                ("pool", &pool),
+            ];
+            let of_paths: [Named<'_>; 5] = [
+                ("seen", &self.eye),
+                ("settings", &parameters),
+                ("automaton", &self.automaton),
+                ("pool", &pool),
+                ("arguments", &self.arguments),
+            ];
+            let begin = join(&of_points, &[("automaton", &self.automaton)]);
+            let [rows, emitters, sky] = table.buffers.named();
+            let lights: [Named<'_>; 3] =
+                [(rows.0, rows.1), (emitters.0, emitters.1), (sky.0, sky.1)];
+            let shade = join(&of_paths, &lights);
+            frame.clear_range(&pool, 4..size_of::<Header>() as u64);
+            let items = [count * BLOCK * BLOCK * settings.samples, 1, 1];
+            frame.run("path-tracing.begin", &self.begin, of_scene, &begin, items)?;
+            frame.compute("path-tracing.trace", |pass| {
+                for _ in 0..=settings.bounces {
+                    let Kernels {
+                        plan,
+                        trace,
+                        shade: vertices,
+                    } = &self.kernels;
+                    plan.run(pass, None, &of_paths, [1, 1, 1])?;
+                    trace.run_indirect(pass, of_rays, &of_paths, (&self.arguments, 0))?;
+                    vertices.run_indirect(pass, of_rays, &shade, (&self.arguments, 12))?;
+                }
+                Ok::<_, GpuError>(())
+            })?;
+            let points = [count * BLOCK * BLOCK, 1, 1];
+            frame.run("path-tracing.add", &self.add, None, &of_points, points)?;
+        }
+        Ok(())
+    }
+
+    /// Memory for so many paths at once, or as many as there may be.
+    fn pool(&mut self, gpu: &Gpu, wanted: u32) -> Result<(u32, wgpu::Buffer), GpuError> {
+        let most = match gpu.adapter.device_type {
+            wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
+            _ => PATHS,
+        };
+        let capacity = wanted.min(most);
+        if let Some((there, pool)) = self.pool.as_ref().filter(|(there, _)| *there >= capacity) {
+            return Ok((*there, pool.clone()));
+        }
+        let bytes = size_of::<Header>() as u64 + u64::from(capacity) * PATH_BYTES;
+        let pool = gpu.buffer(
+            "path-tracing.pool [bytes]",
+            bytes,
+            wgpu::BufferUsages::STORAGE,
+        )?;
+        gpu.write(
+            &pool,
+            0,
+            &[Header {
+                capacity,
+                ..Header::zeroed()
+            }],
+        );
+        self.pool = Some((capacity, pool.clone()));
+        Ok((capacity, pool))
+    }
+
+    /// Memory of the paths in flight (bytes).
+    pub fn bytes(&self) -> u64 {
+        self.pool.as_ref().map_or(0, |(_, pool)| pool.size())
+    }
+}
