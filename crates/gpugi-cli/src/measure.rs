@@ -10,7 +10,7 @@ use gpugi::measure::{
 };
 use gpugi::picture::{self, Effects};
 use gpugi::{Motion, Purpose, Renderer};
-use gpugi_arguments::parse_size;
+use gpugi_arguments::{parse_size, with_settings};
 use gpugi_scene::image::metrics::{Metric, Picture, compare, heat_map};
 use serde_json::{Map, Value};
 
@@ -146,7 +146,11 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
-    let settings = &arguments.set;
+    // Effects of live frames, and the techniques' settings.
+    let (effects, settings) = match arguments.live {
+        true => with_settings(Effects::of_live_view(), &arguments.set)?,
+        false => (Effects::default(), arguments.set.clone()),
+    };
     let mut chosen = Chosen::new(
         &gpu,
         &scene,
@@ -156,7 +160,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             false => Purpose::StillPicture,
         },
         &arguments.technique,
-        settings,
+        &settings,
     )?;
     interrupt::catch();
 
@@ -176,7 +180,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     };
     if arguments.live {
         let renderer = &mut chosen.renderer;
-        let live = measure_live(&gpu, &scene, &camera, renderer, &options, &mut report)?;
+        let subject = (&scene, &camera);
+        let live = measure_live(&gpu, subject, renderer, &effects, &options, &mut report)?;
         shown.1.finish();
         print_notes(common, &notes);
         if !common.quiet {
@@ -314,6 +319,7 @@ fn print_live(gpu: &Gpu, arguments: &Arguments, renderer: &Renderer, live: &Live
     println!("  moving    {:9.4} flip", live.moving);
     println!("  still     {:9.4} flip", live.still);
     println!("  flicker   {:9.3} % of white", live.flicker * 100.0);
+    println!("  mean      {:9.4} of the reference's", live.brightness);
     println!(
         "reference: estimated rel-mse {:.2e}",
         live.reference_rel_mse

@@ -18,7 +18,7 @@ use crate::scene::{Claims, GpuScene};
 use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
-    Earlier, EarlierLight, Figure, Inspection, Map, Needs, OwnPoints, Plan, Registry, Shared,
+    Earlier, EarlierLight, Figure, Inspection, Map, Needs, OwnPoints, Plan, Registry, Role, Shared,
     Technique, Unready,
 };
 use schedule::Schedule;
@@ -238,16 +238,14 @@ impl Lighting {
                 });
             }
         }
-        // Techniques that claim objects add their light there alone.
+        // Techniques that claim objects add their light there alone; what adds everything leaves others nothing.
         let claims_nothing = |plan: &Plan| plan.claims.iter().all(|claim| *claim == Claims::NONE);
-        let unclaimed = self
-            .techniques
-            .iter()
-            .zip(plans)
-            .filter(|(_, plan)| claims_nothing(plan));
-        for (index, (second, plan)) in unclaimed.clone().enumerate() {
-            for (first, earlier) in unclaimed.clone().take(index) {
-                if let Some((class, path)) = overlap(&earlier.paths, &plan.paths) {
+        let all: Vec<_> = self.techniques.iter().zip(plans).collect();
+        for (index, &(second, plan)) in all.iter().enumerate() {
+            for &(first, earlier) in &all[..index] {
+                let are_compared = second.info().role == Role::Everything
+                    || (claims_nothing(earlier) && claims_nothing(plan));
+                if are_compared && let Some((class, path)) = overlap(&earlier.paths, &plan.paths) {
                     return Err(LightingError::Overlap {
                         first: first.info().name.into(),
                         second: second.info().name.into(),

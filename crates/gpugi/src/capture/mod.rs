@@ -117,6 +117,9 @@ impl SurfacePoints {
     }
 }
 
+/// Size of `Noise` of capture/noise.wesl (bytes).
+const NOISE_BYTES: u64 = 32;
+
 /// Where gathers add radiance: one vec4f per point, summed over samples.
 #[derive(Debug, Clone)]
 pub struct Target {
@@ -125,9 +128,8 @@ pub struct Target {
     /// How far along the mirrored ray lies what ideal mirrors show (m), written by techniques that know it: one f32 per
     /// pixel of a picture, 0 where none does. Other targets have a single one.
     pub mirrored: wgpu::Buffer,
-    /// What part of `radiance` is noisy, because it is drawn for each point by chance: live pictures filter it. In rgb its
-    /// sum over samples, in a the sum of squares of its luminance divided by the point's reflectance. One vec4f per pixel
-    /// of a live picture with such techniques; other targets have a single one.
+    /// What part of `radiance` is noisy, because it is drawn for each point by chance: live pictures filter it. One `Noise`
+    /// of capture/noise.wesl per pixel of a live picture with such techniques; other targets have a single one.
     pub noisy: wgpu::Buffer,
 }
 
@@ -156,7 +158,7 @@ impl Target {
 
     /// Whether techniques tell which part of their light is noisy.
     pub(crate) fn is_noisy(&self) -> bool {
-        self.noisy.size() > 16
+        self.noisy.size() > NOISE_BYTES
     }
 
     /// A target for `count` pixels of a picture.
@@ -176,7 +178,7 @@ impl Target {
 /// # Errors
 /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
 pub(crate) fn noisy(gpu: &Gpu, count: u32) -> Result<wgpu::Buffer, GpuError> {
-    let bytes = u64::from(count) * 16;
+    let bytes = u64::from(count) * NOISE_BYTES;
     gpu.buffer("noisy radiance [bytes]", bytes, wgpu::BufferUsages::STORAGE)
 }
 

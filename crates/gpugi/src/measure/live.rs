@@ -33,6 +33,9 @@ pub struct Live {
     /// Mean difference between two frames in a row of a camera that stands still while frames count as being in motion, as a
     /// part of white on the display.
     pub flicker: f64,
+    /// Radiance of the last frame of the orbit, as a part of its reference's: median over blocks of 16 x 16 pixels, so that
+    /// lamps and their edges do not decide.
+    pub brightness: f64,
     /// Estimated rel-mse of the references: the largest.
     pub reference_rel_mse: f64,
     /// The last frame of the orbit, and its reference: linear radiance, three floats per pixel.
@@ -40,16 +43,16 @@ pub struct Live {
     pub last: [Vec<f32>; 2],
 }
 
-/// Measures live frames of `renderer`, which renders `scene`, as seen by `camera` in orbit about what the scene's bounds
-/// have in their middle.
+/// Measures live frames of `renderer` with `effects`, such as those of a live view. It renders `scene`, as seen by `camera` in
+/// orbit about the middle of its bounds.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn measure_live(
     gpu: &Gpu,
-    scene: &Scene,
-    camera: &Camera,
+    (scene, camera): (&Scene, &Camera),
     renderer: &mut Renderer,
+    effects: &Effects,
     options: &Options,
     report: Report<'_>,
 ) -> Result<Live, MeasureError> {
@@ -63,7 +66,7 @@ pub fn measure_live(
         };
         trace(gpu, &subject, &parts, options, report)
     };
-    let effects = Effects::of_live_view().without_dither();
+    let effects = &effects.clone().without_dither();
     let mut times = Vec::new();
     let mut whole = Vec::new();
     let mut errors = Vec::new();
@@ -74,7 +77,7 @@ pub fn measure_live(
     for frame in 0..FRAMES {
         let seen = orbit(scene, camera, frame);
         renderer.restart();
-        let timings = renderer.render_sample(&seen, 1, Some(&effects), true)?;
+        let timings = renderer.render_sample(&seen, 1, Some(effects), true)?;
         let passes = timings.wait()?;
         if frame >= FRAMES / 2 {
             whole.push(passes.iter().map(|pass| pass.milliseconds).sum::<f64>());
@@ -100,12 +103,12 @@ pub fn measure_live(
     let mut pixels = [Vec::new(), Vec::new()];
     for frame in 0..4 {
         renderer.restart();
-        renderer.render_sample(&seen, 1, Some(&effects), false)?;
+        renderer.render_sample(&seen, 1, Some(effects), false)?;
         pixels[frame % 2] = renderer.pixels()?;
     }
     renderer.restart();
     for _ in 0..REST_FRAMES {
-        renderer.render_sample(&seen, REST_SAMPLES, Some(&effects), false)?;
+        renderer.render_sample(&seen, REST_SAMPLES, Some(effects), false)?;
     }
     // The orbit ended where the camera stands.
     let still = flip(size, &renderer.live_radiance()?, &last[1])?;
@@ -117,6 +120,7 @@ pub fn measure_live(
         moving: errors.iter().sum::<f64>() / errors.len() as f64,
         still,
         flicker: difference(&pixels),
+        brightness: brightness(size, [&last[0], &last[1]]),
         reference_rel_mse: noise,
         last,
     })
@@ -152,4 +156,27 @@ fn difference([a, b]: &[Vec<u8>; 2]) -> f64 {
         .sum();
     // Alpha is the same.
     steps as f64 / (a.len() as f64 * 0.75) / 255.0
+}
+
+/// [`Live::brightness`].
+fn brightness([width, height]: [u32; 2], pictures: [&[f32]; 2]) -> f64 {
+    const BLOCK: usize = 16;
+    let [width, height] = [width as usize, height as usize];
+    let sum = |radiance: &[f32], x: usize, y: usize| {
+        let rows = y..(y + BLOCK).min(height);
+        let of_row = |row: usize| {
+            &radiance[(row * width + x) * 3..(row * width + (x + BLOCK).min(width)) * 3]
+        };
+        let values = rows.flat_map(of_row);
+        values.copied().map(f64::from).sum::<f64>()
+    };
+    let mut ratios: Vec<f64> = (0..height)
+        .step_by(BLOCK)
+        .flat_map(|y| (0..width).step_by(BLOCK).map(move |x| (x, y)))
+        .map(|(x, y)| pictures.map(|radiance| sum(radiance, x, y)))
+        .filter(|[_, truth]| *truth > 0.0)
+        .map(|[shown, truth]| shown / truth)
+        .collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
 }

@@ -214,10 +214,6 @@ pub(super) struct Live {
     kernel: Kernel,
     /// Mean radiance of this picture: rgba16float.
     pub radiance: wgpu::TextureView,
-    /// What part of the light is noisy, apart from the rest: rgba16float (live.wesl). `None`: no technique's is.
-    pub noise: Option<wgpu::TextureView>,
-    /// In its place, where there is none.
-    no_noise: wgpu::TextureView,
     /// Velocity (pixels since the picture before: x to the right, y down), character of the surface, how far each pixel's triangle reaches from its centre, and the velocity of what it mirrors
     /// (film.wesl): rgba32uint.
     pub motion: wgpu::TextureView,
@@ -250,8 +246,6 @@ impl Live {
         Ok(Self {
             kernel,
             radiance: texture(gpu, "film", half_floats, size)?,
-            noise: None,
-            no_noise: texture(gpu, "film.noise", half_floats, [1, 1])?,
             motion: texture(gpu, "film.motion", wgpu::TextureFormat::Rgba32Uint, size)?,
             images: [image()?, image()?],
             current: 0,
@@ -317,17 +311,10 @@ impl Live {
             padding: [0; 2],
         };
         self.shots.write(gpu, &[uniform]);
-        let mut strips_of_noise = strips.iter();
-        if self.noise.is_none() && strips_of_noise.any(|strip| strip.receiver.target.is_noisy()) {
-            let size = self.radiance.texture().size();
-            let size = [size.width, size.height];
-            let format = wgpu::TextureFormat::Rgba16Float;
-            self.noise = Some(texture(gpu, "film.noise", format, size)?);
-        }
         let scene_group = Some(&scene.bind_group);
         for strip in strips {
             let rows = strip.rows.end - strip.rows.start;
-            let own: [Named<'_>; 7] = [
+            let own: [Named<'_>; 6] = [
                 ("vertices", &scene.vertices),
                 (
                     "vertices_before",
@@ -337,7 +324,6 @@ impl Live {
                 ("radiance_mean", &self.radiance),
                 ("surfaces", &self.now().surfaces),
                 ("motion", &self.motion),
-                ("noise", self.noise.as_ref().unwrap_or(&self.no_noise)),
             ];
             let resources = join(&strip.receiver.resources(), &own);
             let invocations = [strip.receiver.points.count / rows.max(1), rows, 1];

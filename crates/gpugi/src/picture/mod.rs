@@ -185,9 +185,10 @@ impl Picture {
             let (film, blend) = live(&mut self.live, gpu, scene, size)?;
             film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
             let samples = [lit.samples, lit.of];
-            let lit_film = self
-                .denoise
-                .record(frame, film, size, samples, &effects.denoise)?;
+            let is_filtered = denoise::is_noisy(lit.strips);
+            let lit_film =
+                self.denoise
+                    .record(frame, film, lit.strips, size, samples, &effects.denoise)?;
             if lit.is_through_lens {
                 // What frames saw through the middle of the lens is another picture.
                 film.forget();
@@ -197,7 +198,7 @@ impl Picture {
                 let radiance = blend.record(
                     frame,
                     film,
-                    &lit_film,
+                    (&lit_film, is_filtered),
                     size,
                     samples,
                     exposure,

@@ -12,7 +12,7 @@ use super::{
 use crate::capture::{Output, Receiver, View};
 use crate::gpu::{Frame, GpuError};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
-use crate::scene::{Claims, GpuScene};
+use crate::scene::{Claims, GpuScene, Object};
 use crate::settings::SettingSet;
 use crate::stage::Stage;
 use passes::{Constants, Lights, Passes};
@@ -97,7 +97,13 @@ impl Technique for PathTracing {
         let fitting = patterns.find(|(_, pattern)| overlap(covered, &paths(pattern)).is_none());
         // If none fits, lighting tells the user what overlaps.
         self.pattern = fitting.map_or(INDIRECT_WITHOUT_CAUSTICS, |(_, pattern)| pattern);
+        // Cameras see glass whole: paths pass through it.
+        let claim = |object: &Object| match object.is_transmissive {
+            true => Claims::TRANSMISSION,
+            false => Claims::NONE,
+        };
         Plan {
+            claims: scene.objects.iter().map(claim).collect(),
             lookups: 4 * self.settings.samples,
             ..Plan::adding(paths(self.pattern), scene)
         }

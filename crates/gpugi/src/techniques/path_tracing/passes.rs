@@ -14,8 +14,10 @@ use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
 use crate::stage::{Same, Stage};
 
-/// Paths in flight: the smallest bindings that WebGPU promises hold them. In software, as many as caches hold.
-const PATHS: u32 = 1 << 19;
+/// Paths in flight, as far as a binding holds them: on a discrete GPU those of all pixels of a large picture, because each
+/// step of few keeps it waiting; in software, as many as caches hold.
+const PATHS_OF_A_PICTURE: u32 = 1 << 21;
+const PATHS: u32 = 1 << 18;
 const PATHS_IN_SOFTWARE: u32 = 1 << 14;
 /// Bytes of a path, with its result.
 const PATH_BYTES: u64 = (PATH_ROWS + 1) * 16;
@@ -96,6 +98,8 @@ pub struct Passes {
     begin: Kernel,
     kernels: Kernels,
     add: Kernel,
+    /// Made when a picture's noise is filtered.
+    look: Option<Kernel>,
     automaton: wgpu::Buffer,
     /// `trace` binds the eye, from which none of these paths begins.
     eye: wgpu::Buffer,
@@ -122,6 +126,7 @@ impl Passes {
             begin: Kernel::new(gpu, &begin, "main", own)?,
             kernels: Kernels::new(gpu, scene, &constants.values)?,
             add: Kernel::new(gpu, &add, "main", None)?,
+            look: None,
             automaton: gpu.storage("path-tracing.automaton", &filter.automaton().words())?,
             eye: gpu.uniform("path-tracing.eye", &EyeUniform::zeroed())?,
             arguments: gpu.buffer(
@@ -163,6 +168,26 @@ impl Passes {
         let (capacity, pool) = self.pool(gpu, blocks * BLOCK * BLOCK * settings.samples)?;
         let blocks_at_once = (capacity / (BLOCK * BLOCK * settings.samples)).max(1);
         let (of_scene, of_rays) = (Some(&scene.bind_group), Some(&scene.ray_bind_group));
+        if receiver.target.is_noisy() && scene.objects.iter().any(|object| object.is_smooth) {
+            let look = match &self.look {
+                Some(look) => look,
+                None => {
+                    let shader = shader!("techniques.path_tracing.look");
+                    &*self.look.insert(scene.ray_kernel(gpu, &shader, &[])?)
+                }
+            };
+            let resources = receiver.resources().map(|(name, resource)| match name {
+                "seen" => ("seen_by", resource),
+                _ => (name, resource),
+            });
+            frame.run(
+                "path-tracing.look",
+                look,
+                of_rays,
+                &resources,
+                [points.count, 1, 1],
+            )?;
+        }
         for first_block in (0..blocks).step_by(blocks_at_once as usize) {
             let count = blocks_at_once.min(blocks - first_block);
             let parameters = Parameters {
@@ -224,9 +249,15 @@ impl Passes {
     fn pool(&mut self, gpu: &Gpu, wanted: u32) -> Result<(u32, wgpu::Buffer), GpuError> {
         let most = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
+            wgpu::DeviceType::DiscreteGpu => PATHS_OF_A_PICTURE,
             _ => PATHS,
         };
-        let capacity = wanted.min(most);
+        let limits = gpu.limits();
+        let bytes = (limits.max_buffer_size).min(limits.max_storage_buffer_binding_size);
+        let bound = (bytes - size_of::<Header>() as u64) / PATH_BYTES;
+        // Whole blocks, with all their samples.
+        let capacity = u64::from(wanted.min(most)).min(bound) as u32 & !4095;
+        let capacity = capacity.max(4096);
         if let Some((there, pool)) = self.pool.as_ref().filter(|(there, _)| *there >= capacity) {
             return Ok((*there, pool.clone()));
         }

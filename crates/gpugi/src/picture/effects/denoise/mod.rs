@@ -6,8 +6,9 @@ mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
-use crate::picture::film::{Live, texture};
+use crate::capture::Target;
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
+use crate::picture::film::{Live, Shot, Strip, texture};
 use crate::scene::Versions;
 use crate::shader;
 
@@ -32,9 +33,21 @@ crate::settings! {
         pub filter: Filter = Filter::Temporal => any(),
         /// Frames that are averaged while something moves.
         pub frames: u32 = 32 => in_range(1.0, 255.0),
+        /// Whether a pixel that is brighter than all around it becomes as bright as the brightest of them.
+        pub clamp: bool = false => any(),
+        /// Tolerance.
+        pub tolerance: f32 = 4.0 => in_range(0.0, 1000.0),
+        /// Few.
+        pub few: f32 = 3.0 => in_range(0.0, 1000.0),
         /// Passes over the pixels around, each twice as far as the one before.
         pub passes: u32 = 5 => in_range(1.0, 6.0),
     }
+}
+
+/// Whether any technique tells which part of its light is noisy.
+pub(in crate::picture) fn is_noisy(strips: &[Strip<'_>]) -> bool {
+    let mut targets = strips.iter().map(|strip| &strip.receiver.target);
+    targets.any(Target::is_noisy)
 }
 
 /// Frames after a change of lights or objects in which the history is clipped to what the latest frames saw, and the
@@ -55,6 +68,10 @@ struct FilterUniform {
     deviations: f32,
     step: u32,
     is_last: u32,
+    has_moved: u32,
+    clamps: u32,
+    tolerance: f32,
+    few: f32,
     padding: u32,
 }
 
@@ -65,6 +82,8 @@ struct Memory {
     long: wgpu::TextureView,
     /// Mean of few, and the root mean square of their luminance.
     short: wgpu::TextureView,
+    /// What guides the filter: rgba32uint.
+    guides: wgpu::TextureView,
 }
 
 /// Textures of pictures of one size.
@@ -72,12 +91,14 @@ struct Memory {
 struct Textures {
     /// This picture's and that of the picture before, by [`Live::turn`].
     memories: [Memory; 2],
+    incident: wgpu::TextureView,
     signals: [wgpu::TextureView; 2],
     lit: wgpu::TextureView,
 }
 
 #[derive(Debug, Clone)]
 struct Kernels {
+    prepare: Kernel,
     accumulate: Kernel,
     estimate: Kernel,
     smooth: Kernel,
@@ -102,16 +123,17 @@ impl Pass {
         }
     }
 
-    /// Begins to compile what `settings` ask for.
+    /// Begins to compile it.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn prepare(&mut self, gpu: &Gpu, settings: &Settings) -> Result<(), GpuError> {
-        if self.kernels.is_some() || settings.filter == Filter::None {
+    pub fn prepare(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self.kernels.is_some() {
             return Ok(());
         }
         let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
         self.kernels = Some(Kernels {
+            prepare: kernel(shader!("picture.effects.denoise.prepare"))?,
             accumulate: kernel(shader!("picture.effects.denoise.accumulate"))?,
             estimate: kernel(shader!("picture.effects.denoise.estimate"))?,
             smooth: kernel(shader!("picture.effects.denoise.smooth"))?,
@@ -128,13 +150,19 @@ impl Pass {
         &mut self,
         frame: &mut Frame<'_>,
         film: &Live,
+        strips: &[Strip<'_>],
         size: [u32; 2],
         [samples, of]: [u32; 2],
         settings: &Settings,
     ) -> Result<wgpu::TextureView, GpuError> {
         let gpu = frame.gpu;
-        self.prepare(gpu, settings)?;
-        let (Some(kernels), Some(noise)) = (&self.kernels, &film.noise) else {
+        self.prepare(gpu)?;
+        let mut targets = strips.iter().map(|strip| &strip.receiver.target);
+        let Some(kernels) = self
+            .kernels
+            .as_ref()
+            .filter(|_| targets.any(Target::is_noisy))
+        else {
             return Ok(film.radiance.clone());
         };
         let (now, before) = (film.now(), film.before());
@@ -149,6 +177,8 @@ impl Pass {
             Some(textures) => textures,
             none => none.insert(Textures::new(gpu, size)?),
         };
+        let seen_from = |shot: &Shot| shot.film_from_world;
+        let has_moved = now.shot.as_ref().map(seen_from) != before.shot.as_ref().map(seen_from);
         let end = REST_SAMPLES.min(of).max(2);
         let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
         let remembers = before.shot.is_some() && settings.filter == Filter::Temporal;
@@ -163,24 +193,37 @@ impl Pass {
                 true => DEVIATIONS,
                 false => 0.0,
             },
-            step: 1,
+            step: (settings.filter != Filter::None).into(),
             is_last: 0,
+            has_moved: has_moved.into(),
+            clamps: settings.clamp.into(),
+            tolerance: settings.tolerance,
+            few: settings.few,
             padding: 0,
         };
         let uniform = gpu.constant("denoise", &filter)?;
-        let [long_before, short_before] = {
-            let memory = &textures.memories[1 - film.turn()];
-            [&memory.long, &memory.short]
-        };
         let memory = &textures.memories[film.turn()];
+        let last = &textures.memories[1 - film.turn()];
+        for strip in strips {
+            let own: [Named<'_>; 4] = [
+                ("surfaces", &now.surfaces),
+                ("parameters", &uniform),
+                ("incident", &textures.incident),
+                ("guides", &memory.guides),
+            ];
+            let rows = strip.rows.end - strip.rows.start;
+            let resources = join(&strip.receiver.resources(), &own);
+            let name = "picture.denoise.prepare";
+            frame.run(name, &kernels.prepare, None, &resources, [size[0], rows, 1])?;
+        }
         let invocations = [size[0], size[1], 1];
         let resources: [Named<'_>; 9] = [
-            ("noise", noise),
-            ("surfaces", &now.surfaces),
+            ("noise", &textures.incident),
+            ("guides", &memory.guides),
             ("motion", &film.motion),
-            ("long_before", long_before),
-            ("short_before", short_before),
-            ("surfaces_before", &before.surfaces),
+            ("long_before", &last.long),
+            ("short_before", &last.short),
+            ("guides_before", &last.guides),
             ("parameters", &uniform),
             ("long", &memory.long),
             ("short", &memory.short),
@@ -188,7 +231,7 @@ impl Pass {
         let name = "picture.denoise.accumulate";
         frame.run(name, &kernels.accumulate, None, &resources, invocations)?;
         let resources: [Named<'_>; 5] = [
-            ("surfaces", &now.surfaces),
+            ("guides", &memory.guides),
             ("long", &memory.long),
             ("short", &memory.short),
             ("parameters", &uniform),
@@ -196,18 +239,24 @@ impl Pass {
         ];
         let name = "picture.denoise.estimate";
         frame.run(name, &kernels.estimate, None, &resources, invocations)?;
-        for pass in 0..settings.passes {
-            let is_last = pass + 1 == settings.passes;
+        // One pass that averages nothing gives the light its reflectance back.
+        let passes = match settings.filter {
+            Filter::None => 1,
+            Filter::Spatial | Filter::Temporal => settings.passes,
+        };
+        for pass in 0..passes {
+            let is_last = pass + 1 == passes;
             let filter = FilterUniform {
-                step: 1 << pass,
+                step: filter.step << pass,
                 is_last: is_last.into(),
                 ..filter
             };
             let uniform = gpu.constant("denoise", &filter)?;
             let [from, to] =
                 [pass % 2, 1 - pass % 2].map(|index| &textures.signals[index as usize]);
-            let resources: [Named<'_>; 6] = [
-                ("surfaces", &now.surfaces),
+            let resources: [Named<'_>; 7] = [
+                ("long", &memory.long),
+                ("guides", &memory.guides),
                 ("motion", &film.motion),
                 ("radiance", &film.radiance),
                 ("signal", from),
@@ -223,15 +272,18 @@ impl Pass {
 
 impl Textures {
     fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let guides = || texture(gpu, "denoise.guides", wgpu::TextureFormat::Rgba32Uint, size);
         let texture = |label: &str| texture(gpu, label, wgpu::TextureFormat::Rgba16Float, size);
         let memory = || {
             Ok::<_, GpuError>(Memory {
                 long: texture("denoise.long")?,
                 short: texture("denoise.short")?,
+                guides: guides()?,
             })
         };
         Ok(Self {
             memories: [memory()?, memory()?],
+            incident: texture("denoise.incident")?,
             signals: [texture("denoise.signal")?, texture("denoise.signal")?],
             lit: texture("denoise.lit")?,
         })

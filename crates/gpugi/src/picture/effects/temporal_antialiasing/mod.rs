@@ -24,6 +24,10 @@ const CHANGING_FRAMES: f32 = 6.0;
 /// and while anything else does. What differs then is noise, or a change of light.
 const DEVIATIONS: [f32; 2] = [16.0, 1.0];
 
+/// The same of pictures whose noise is filtered. What remains of it is bright in few places: there the history must not be
+/// clipped to what most of the neighbours show, or light is lost. The filter's own history follows changes.
+const DEVIATIONS_OF_FILTERED: [f32; 2] = [1e9, 16.0];
+
 /// Samples of a picture at rest after which what earlier frames saw no longer counts.
 const REST_SAMPLES: u32 = 32;
 
@@ -94,7 +98,7 @@ impl Pass {
         })
     }
 
-    /// Blends a film of `samples` samples with this `radiance`, which will have `of` at rest, with the picture before it: pass
+    /// Blends a film of `samples` samples with this `radiance`, whose noise is filtered or not, which will have `of` at rest, with the picture before it: pass
     /// `picture.temporal-antialiasing`. `exposure`: the exposure value of the frame before. Returns the picture.
     ///
     /// # Errors
@@ -103,7 +107,7 @@ impl Pass {
         &self,
         frame: &mut Frame<'_>,
         film: &'a Live,
-        radiance: &wgpu::TextureView,
+        (radiance, is_filtered): (&wgpu::TextureView, bool),
         size: [u32; 2],
         [samples, of]: [u32; 2],
         exposure: &wgpu::Buffer,
@@ -126,7 +130,10 @@ impl Pass {
                 Some(_) => most * rest,
                 None => 0.0,
             },
-            deviations: DEVIATIONS[usize::from(is_changing)],
+            deviations: match is_filtered {
+                true => DEVIATIONS_OF_FILTERED,
+                false => DEVIATIONS,
+            }[usize::from(is_changing)],
             edges: rest / samples.max(1) as f32,
             padding: [0; 2],
         };
