@@ -150,7 +150,8 @@ impl<S: AsRef<str>> From<&Vec<S>> for Techniques {
 }
 
 /// The set for `purpose` on `adapter`, of the techniques in `registry` that are fast enough for the purpose and suit the
-/// scene: those that stand side by side, such as direct light, and one each for gloss and for indirect light.
+/// scene: those that stand side by side, such as direct light, and one each for gloss and for indirect light; or one that
+/// adds everything, and what it leaves out.
 pub fn default_set(
     scene: &Scene,
     adapter: &AdapterSummary,
@@ -163,7 +164,16 @@ pub fn default_set(
 /// The set for an occasion.
 fn chosen(mut occasion: Occasion<'_>, registry: &Registry) -> DefaultSet {
     let candidates = registry.all().iter();
-    let candidates = candidates.filter_map(|registration| Candidate::new(registration, &occasion));
+    let mut candidates: Vec<_> = candidates
+        .filter_map(|registration| Candidate::new(registration, &occasion))
+        .collect();
+    let is_everything = |candidate: &Candidate<'_>| candidate.info().role == Role::Everything;
+    if candidates.iter().any(is_everything) {
+        // What it leaves out stands beside it.
+        let beside = [Role::Everything, Role::Caustics, Role::Media];
+        candidates.retain(|candidate| beside.contains(&candidate.info().role));
+    }
+    let candidates = candidates.into_iter();
     let (mut chosen, rivals): (Vec<_>, Vec<_>) =
         candidates.partition(|candidate| candidate.rivalry == 0);
     for role in [Role::Gloss, Role::Indirect] {

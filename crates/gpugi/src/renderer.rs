@@ -535,7 +535,8 @@ impl Renderer {
     ) -> Result<Readiness, LightingError> {
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
-            (self.picture).prepare(&self.gpu, &self.scene, camera, effects)?;
+            let of_light = (camera, self.lighting.is_noisy());
+            (self.picture).prepare(&self.gpu, &self.scene, of_light, effects)?;
             if frame.awaits_shaders() {
                 return Ok(COMPILING);
             }

@@ -26,7 +26,7 @@ pub(crate) struct Parameters {
 /// `Lens` of paths/lens.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-pub(crate) struct LensUniform {
+pub(crate) struct ThinLensUniform {
     pub right: [f32; 3],
     pub focus: f32,
     pub up: [f32; 3],
@@ -38,7 +38,7 @@ pub(crate) struct LensUniform {
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 pub(crate) struct EyeUniform {
     pub view: ViewUniform,
-    pub lens: LensUniform,
+    pub lens: ThinLensUniform,
 }
 
 /// `Pool` of paths/pool.wesl, excluding its rows.

@@ -114,7 +114,8 @@ impl Picture {
         })
     }
 
-    /// Makes what `effects` need of a scene's pictures, and begins to compile it.
+    /// Makes what `effects` need of a scene's pictures, and begins to compile it. `is_noisy`: techniques tell which part of
+    /// their light is.
     ///
     /// # Errors
     /// As [`Picture::new`].
@@ -122,9 +123,12 @@ impl Picture {
         &mut self,
         gpu: &Gpu,
         scene: &GpuScene,
-        camera: &Camera,
+        (camera, is_noisy): (&Camera, bool),
         effects: &Effects,
     ) -> Result<(), GpuError> {
+        if is_noisy && effects.temporal_antialiasing.is_on() {
+            self.denoise.prepare(gpu)?;
+        }
         let radiance = if effects.temporal_antialiasing.is_on() {
             &live(&mut self.live, gpu, scene, self.size)?.0.radiance
         } else {

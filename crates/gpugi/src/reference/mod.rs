@@ -38,7 +38,7 @@ use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
-use crate::paths::gpu::{EyeUniform, Header, LensUniform, Parameters};
+use crate::paths::gpu::{EyeUniform, Header, Parameters, ThinLensUniform};
 use crate::paths::{LightBuffers, Sky, has_straight};
 use crate::scene::{GpuScene, has_smooth_objects};
 use crate::settings::SettingError;
@@ -503,7 +503,7 @@ impl PathTracer {
         } = camera.lens;
         let eye_uniform = EyeUniform {
             view: view.uniform,
-            lens: LensUniform {
+            lens: ThinLensUniform {
                 right: (aperture * right).to_array(),
                 focus,
                 up: (aperture * up).to_array(),

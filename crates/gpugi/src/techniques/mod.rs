@@ -30,6 +30,7 @@ pub(crate) use earlier::LightState;
 pub use earlier::{Earlier, EarlierLight, Shared};
 pub use info::{Cost, Info, Layer, Needs, OwnPoints, Provided, Role};
 pub use map::{Map, MapRead, Texels};
+pub(crate) use occasion::MOST_TRACED;
 pub use occasion::{Occasion, Purpose, Speed, Values};
 pub use openness::{Openness, OpennessLookup};
 pub use participating_media::sources::MediaSources;

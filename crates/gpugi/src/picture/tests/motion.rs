@@ -69,7 +69,9 @@ impl Seen {
                 shot,
                 ..lit(&strips, 1)
             };
-            picture.prepare(gpu, &on_gpu, &camera, &effects).unwrap();
+            picture
+                .prepare(gpu, &on_gpu, (&camera, false), &effects)
+                .unwrap();
             picture.advance();
             picture
                 .record(&mut frame, &on_gpu, lit, Shown::Picture, &effects)

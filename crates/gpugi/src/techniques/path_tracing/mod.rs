@@ -49,7 +49,7 @@ pub const REGISTRATION: Registration = Registration {
     fields: Settings::fields,
     make: |_, _| Ok(Box::new(PathTracing::default())),
     suits: default_set::suits,
-    settings: default_set::settings,
+    settings: |_| Vec::new(),
 };
 
 crate::settings! {
@@ -74,6 +74,8 @@ pub struct PathTracing {
     pattern: &'static str,
     passes: Stage<Constants, Passes>,
     lights: Lights,
+    /// Most paths in flight, if not as many as the adapter's kind suggests.
+    most_paths: Option<u32>,
 }
 
 impl Technique for PathTracing {
@@ -143,7 +145,8 @@ impl Technique for PathTracing {
         let Some(passes) = self.passes.get_mut() else {
             return Ok(());
         };
-        passes.record(frame, scene, receiver, &self.lights, &self.settings)
+        let settings = (&self.settings, self.most_paths);
+        passes.record(frame, scene, receiver, &self.lights, settings)
     }
 
     fn inspect(&self) -> Inspection {

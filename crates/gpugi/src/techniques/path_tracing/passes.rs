@@ -31,6 +31,8 @@ const BLOCK: u32 = 8;
 pub struct Constants {
     values: Vec<(&'static str, f64)>,
     pattern: &'static str,
+    /// Whether any object is an ideal mirror or glass.
+    has_smooth: bool,
 }
 
 impl Constants {
@@ -47,7 +49,11 @@ impl Constants {
             scene.media_constant(),
         ];
         values.extend(scene.ray_constants());
-        Self { values, pattern }
+        Self {
+            values,
+            pattern,
+            has_smooth: scene.objects.iter().any(|object| object.is_smooth),
+        }
     }
 }
 
@@ -98,7 +104,7 @@ pub struct Passes {
     begin: Kernel,
     kernels: Kernels,
     add: Kernel,
-    /// Made when a picture's noise is filtered.
+    /// If there are ideal mirrors or glass.
     look: Option<Kernel>,
     automaton: wgpu::Buffer,
     /// `trace` binds the eye, from which none of these paths begins.
@@ -126,7 +132,12 @@ impl Passes {
             begin: Kernel::new(gpu, &begin, "main", own)?,
             kernels: Kernels::new(gpu, scene, &constants.values)?,
             add: Kernel::new(gpu, &add, "main", None)?,
-            look: None,
+            look: match constants.has_smooth {
+                true => {
+                    Some(scene.ray_kernel(gpu, &shader!("techniques.path_tracing.look"), &[])?)
+                }
+                false => None,
+            },
             automaton: gpu.storage("path-tracing.automaton", &filter.automaton().words())?,
             eye: gpu.uniform("path-tracing.eye", &EyeUniform::zeroed())?,
             arguments: gpu.buffer(
@@ -148,7 +159,7 @@ impl Passes {
         scene: &GpuScene,
         receiver: &Receiver,
         lights: &Lights,
-        settings: &Settings,
+        (settings, most_paths): (&Settings, Option<u32>),
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let points = &receiver.points;
@@ -165,17 +176,12 @@ impl Passes {
             .map(|side| side.div_ceil(BLOCK))
             .iter()
             .product::<u32>();
-        let (capacity, pool) = self.pool(gpu, blocks * BLOCK * BLOCK * settings.samples)?;
-        let blocks_at_once = (capacity / (BLOCK * BLOCK * settings.samples)).max(1);
+        let of_block = BLOCK * BLOCK * settings.samples;
+        let most = most_paths.unwrap_or_else(|| most_paths_of(gpu));
+        let (capacity, pool) = self.pool(gpu, (blocks * of_block).min(most).max(of_block))?;
+        let blocks_at_once = most.min(capacity) / of_block;
         let (of_scene, of_rays) = (Some(&scene.bind_group), Some(&scene.ray_bind_group));
-        if receiver.target.is_noisy() && scene.objects.iter().any(|object| object.is_smooth) {
-            let look = match &self.look {
-                Some(look) => look,
-                None => {
-                    let shader = shader!("techniques.path_tracing.look");
-                    &*self.look.insert(scene.ray_kernel(gpu, &shader, &[])?)
-                }
-            };
+        if let Some(look) = self.look.as_ref().filter(|_| receiver.target.is_noisy()) {
             let resources = receiver.resources().map(|(name, resource)| match name {
                 "seen" => ("seen_by", resource),
                 _ => (name, resource),
@@ -245,19 +251,8 @@ impl Passes {
         Ok(())
     }
 
-    /// Memory for so many paths at once, or as many as there may be.
-    fn pool(&mut self, gpu: &Gpu, wanted: u32) -> Result<(u32, wgpu::Buffer), GpuError> {
-        let most = match gpu.adapter.device_type {
-            wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
-            wgpu::DeviceType::DiscreteGpu => PATHS_OF_A_PICTURE,
-            _ => PATHS,
-        };
-        let limits = gpu.limits();
-        let bytes = (limits.max_buffer_size).min(limits.max_storage_buffer_binding_size);
-        let bound = (bytes - size_of::<Header>() as u64) / PATH_BYTES;
-        // Whole blocks, with all their samples.
-        let capacity = u64::from(wanted.min(most)).min(bound) as u32 & !4095;
-        let capacity = capacity.max(4096);
+    /// Memory for so many paths at once.
+    fn pool(&mut self, gpu: &Gpu, capacity: u32) -> Result<(u32, wgpu::Buffer), GpuError> {
         if let Some((there, pool)) = self.pool.as_ref().filter(|(there, _)| *there >= capacity) {
             return Ok((*there, pool.clone()));
         }
@@ -283,4 +278,17 @@ impl Passes {
     pub fn bytes(&self) -> u64 {
         self.pool.as_ref().map_or(0, |(_, pool)| pool.size())
     }
+}
+
+/// Most paths in flight on an adapter.
+fn most_paths_of(gpu: &Gpu) -> u32 {
+    let most = match gpu.adapter.device_type {
+        wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
+        wgpu::DeviceType::DiscreteGpu => PATHS_OF_A_PICTURE,
+        _ => PATHS,
+    };
+    let limits = gpu.limits();
+    let bytes = (limits.max_buffer_size).min(limits.max_storage_buffer_binding_size);
+    let bound = (bytes - size_of::<Header>() as u64) / PATH_BYTES;
+    u64::from(most).min(bound) as u32
 }

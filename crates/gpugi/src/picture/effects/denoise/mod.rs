@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::capture::Target;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
 use crate::picture::film::{Live, Shot, Strip, texture};
-use crate::scene::Versions;
+use crate::scene::{Inputs, Versions};
 use crate::shader;
 
 crate::choices! {
@@ -35,10 +35,6 @@ crate::settings! {
         pub frames: u32 = 32 => in_range(1.0, 255.0),
         /// Whether a pixel that is brighter than all around it becomes as bright as the brightest of them.
         pub clamp: bool = false => any(),
-        /// Tolerance.
-        pub tolerance: f32 = 4.0 => in_range(0.0, 1000.0),
-        /// Few.
-        pub few: f32 = 3.0 => in_range(0.0, 1000.0),
         /// Passes over the pixels around, each twice as far as the one before.
         pub passes: u32 = 5 => in_range(1.0, 6.0),
     }
@@ -50,10 +46,15 @@ pub(in crate::picture) fn is_noisy(strips: &[Strip<'_>]) -> bool {
     targets.any(Target::is_noisy)
 }
 
-/// Frames after a change of lights or objects in which the history is clipped to what the latest frames saw, and the
-/// deviations that it may have from that.
+/// Frames after a change in which the history is not trusted as it is.
 const UNSETTLED_FRAMES: u32 = 16;
-const DEVIATIONS: f32 = 1.0;
+
+/// Frames that count after lights or materials have changed, which changes light everywhere.
+const FEW_FRAMES: u32 = 3;
+
+/// Deviations from the mean of what the latest frames saw around a pixel that the history may have after objects have
+/// moved, whose shadows change light here and there.
+const DEVIATIONS: f32 = 0.5;
 
 /// Samples of a picture at rest after which what earlier frames saw no longer counts.
 const REST_SAMPLES: u32 = 32;
@@ -70,9 +71,7 @@ struct FilterUniform {
     is_last: u32,
     has_moved: u32,
     clamps: u32,
-    tolerance: f32,
-    few: f32,
-    padding: u32,
+    padding: [u32; 3],
 }
 
 /// What is remembered of a picture: rgba16float.
@@ -109,9 +108,9 @@ struct Kernels {
 pub(in crate::picture) struct Pass {
     kernels: Option<Kernels>,
     textures: Option<Textures>,
-    /// What was shown last, and the frames since that changed.
+    /// What was shown last, and the frames since anything changed, and since more did than places.
     versions: Option<Versions>,
-    settled: u32,
+    settled: [u32; 2],
 }
 
 impl Pass {
@@ -167,11 +166,19 @@ impl Pass {
         };
         let (now, before) = (film.now(), film.before());
         let versions = now.shot.map(|shot| shot.versions);
-        let has_changed = self.versions.is_some() && self.versions != versions;
-        self.settled = match has_changed {
-            true => 0,
-            false => self.settled.saturating_add(1),
-        };
+        let but_places = Inputs::GEOMETRY.without();
+        let light = |versions: Option<Versions>| versions.map(|versions| versions.of(but_places));
+        let has_changed = [
+            self.versions != versions,
+            light(self.versions) != light(versions),
+        ];
+        for (settled, has_changed) in self.settled.iter_mut().zip(has_changed) {
+            *settled = match (self.versions, has_changed) {
+                (None, _) => UNSETTLED_FRAMES,
+                (Some(_), true) => 0,
+                (Some(_), false) => settled.saturating_add(1),
+            };
+        }
         self.versions = versions;
         let textures = match &mut self.textures {
             Some(textures) => textures,
@@ -181,25 +188,28 @@ impl Pass {
         let has_moved = now.shot.as_ref().map(seen_from) != before.shot.as_ref().map(seen_from);
         let end = REST_SAMPLES.min(of).max(2);
         let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
+        let [is_settled, is_lit_alike] = self.settled.map(|frames| frames >= UNSETTLED_FRAMES);
+        let frames = match is_lit_alike {
+            true => settings.frames,
+            false => settings.frames.min(FEW_FRAMES),
+        };
         let remembers = before.shot.is_some() && settings.filter == Filter::Temporal;
         let filter = FilterUniform {
             size,
             samples: samples as f32,
             most_before: match remembers {
-                true => (settings.frames - 1) as f32 * rest,
+                true => (frames - 1) as f32 * rest,
                 false => 0.0,
             },
-            deviations: match self.settled < UNSETTLED_FRAMES {
-                true => DEVIATIONS,
-                false => 0.0,
+            deviations: match is_settled {
+                true => 0.0,
+                false => DEVIATIONS,
             },
             step: (settings.filter != Filter::None).into(),
             is_last: 0,
             has_moved: has_moved.into(),
             clamps: settings.clamp.into(),
-            tolerance: settings.tolerance,
-            few: settings.few,
-            padding: 0,
+            padding: [0; 3],
         };
         let uniform = gpu.constant("denoise", &filter)?;
         let memory = &textures.memories[film.turn()];

@@ -24,9 +24,8 @@ const CHANGING_FRAMES: f32 = 6.0;
 /// and while anything else does. What differs then is noise, or a change of light.
 const DEVIATIONS: [f32; 2] = [16.0, 1.0];
 
-/// The same of pictures whose noise is filtered. What remains of it is bright in few places: there the history must not be
-/// clipped to what most of the neighbours show, or light is lost. The filter's own history follows changes.
-const DEVIATIONS_OF_FILTERED: [f32; 2] = [1e9, 16.0];
+/// Frames that are averaged of pictures whose noise is filtered: more would only make them softer.
+const FILTERED_FRAMES: u32 = 4;
 
 /// Samples of a picture at rest after which what earlier frames saw no longer counts.
 const REST_SAMPLES: u32 = 32;
@@ -121,7 +120,11 @@ impl Pass {
         let [versions_now, versions_before] =
             [now, before].map(|image| image.shot.map(|shot| shot.versions));
         let is_changing = versions_now != versions_before;
-        let most = (settings.frames - 1) as f32;
+        let frames = match is_filtered {
+            true => settings.frames.min(FILTERED_FRAMES),
+            false => settings.frames,
+        };
+        let most = (frames - 1) as f32;
         let blend = BlendUniform {
             size,
             samples: samples as f32,
@@ -130,10 +133,7 @@ impl Pass {
                 Some(_) => most * rest,
                 None => 0.0,
             },
-            deviations: match is_filtered {
-                true => DEVIATIONS_OF_FILTERED,
-                false => DEVIATIONS,
-            }[usize::from(is_changing)],
+            deviations: DEVIATIONS[usize::from(is_changing)],
             edges: rest / samples.max(1) as f32,
             padding: [0; 2],
         };
