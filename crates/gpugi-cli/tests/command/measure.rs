@@ -185,3 +185,36 @@ fn what_does_not_fit_together_is_refused() {
         assert!(message.contains(part), "{options:?}: {message}");
     }
 }
+
+#[test]
+fn live_frames_are_measured_in_motion() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("measure-live");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let [json, beside] = ["live.json", "beside.png"].map(path);
+    let mut arguments = SMALL.to_vec();
+    arguments.extend(["--live", "--technique", "path-tracing", "--no-cache"]);
+    arguments.extend(["--set", "denoise.filter=spatial", "--json", &json]);
+    arguments.extend(["--side-by-side", &beside]);
+    let measured = gpugi(&arguments);
+    assert!(measured.status.success(), "{}", text(&measured.stderr));
+    let printed = text(&measured.stdout);
+    for part in [
+        "cornell: path-tracing live against all light, 32x24, on ",
+        "moving ",
+        "still ",
+        "flicker ",
+        "picture.denoise.smooth",
+    ] {
+        assert!(printed.contains(part), "{part:?} is not in {printed}");
+    }
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    let value = |name: &str| report[name].as_f64().unwrap();
+    assert!(value("moving") > 0.0 && value("moving") < 0.9);
+    assert!((value("brightness") - 1.0).abs() < 0.3, "{report}");
+    assert!(std::fs::metadata(&beside).is_ok());
+    let refused = gpugi(&["measure", "cornell", "--live", "--all-light"]);
+    assert_eq!(refused.status.code(), Some(2));
+}

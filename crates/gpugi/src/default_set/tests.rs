@@ -9,7 +9,7 @@ use crate::scene::{has_emitters, has_glossy_objects, stand_apart};
 use crate::techniques::occasion::{MOST_IN_TEXELS, MOST_PIECES, MOST_TRACED, MOST_UNWRAPPED};
 use crate::techniques::{
     Speed, caustics, distance_impostor, final_gather, image_based_lighting, participating_media,
-    radiosity, ray_tracing, shadow_map,
+    path_tracing, radiosity, ray_tracing, shadow_map,
 };
 use crate::testing::test_gpu;
 
@@ -30,8 +30,13 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
     for listed in SCENES {
         let scene = builtin(listed.name, 1).unwrap();
         let set = |purpose| default_set(&scene, &gpu.adapter, purpose, &registry);
-        let [still, live, bake] =
-            [Purpose::StillPicture, Purpose::LiveView, Purpose::Bake].map(set);
+        let [still, bake] = [Purpose::StillPicture, Purpose::Bake].map(set);
+        // On discrete GPUs, paths may take the place of the others.
+        let modest = AdapterSummary {
+            device_type: wgpu::DeviceType::IntegratedGpu,
+            ..gpu.adapter.clone()
+        };
+        let live = default_set(&scene, &modest, Purpose::LiveView, &registry);
         assert!(still.notes.is_empty(), "{}: {:?}", listed.name, still.notes);
         let (gather, direct) = live.choices.split_last().unwrap();
         for choice in direct {
@@ -91,6 +96,43 @@ fn sets_are_valid_and_hold_indirect_light_in_every_scene() {
         for (what, is_there) in [("mirrors", is_smooth), ("gloss", is_rough)] {
             let words_of = format!("lit surroundings seen in {what}");
             assert_eq!(is_told(&words_of), is_there, "{}: {words:?}", listed.name);
+        }
+    }
+}
+
+/// Live views of discrete GPUs trace paths where that was measured to win, beside what paths cannot find.
+#[test]
+fn live_views_trace_paths_where_that_wins() {
+    let Some(gpu) = test_gpu() else { return };
+    let registry = Registry::default();
+    let discrete = AdapterSummary {
+        device_type: wgpu::DeviceType::DiscreteGpu,
+        ..gpu.adapter.clone()
+    };
+    let paths = path_tracing::INFO.name;
+    for (name, expected) in [
+        ("cornell", Some(&[paths][..])),
+        ("window-room", Some(&[paths])),
+        ("spheres", Some(&[paths])),
+        ("glass-room", Some(&[CAUSTICS, paths])),
+        ("room", None),
+        ("chamber", None),
+        ("station", None),
+    ] {
+        let scene = builtin(name, 1).unwrap();
+        let set = |adapter, purpose| default_set(&scene, adapter, purpose, &registry);
+        let live = set(&discrete, Purpose::LiveView);
+        match expected {
+            Some(names) => assert_eq!(live.names(), names, "{name}"),
+            None => assert!(!live.names().contains(&paths.to_owned()), "{name}"),
+        }
+        Renderer::new(&gpu, &scene, [8, 8], &live).unwrap();
+        let others = [
+            set(&discrete, Purpose::StillPicture),
+            set(&discrete, Purpose::Bake),
+        ];
+        for other in others {
+            assert!(!other.names().contains(&paths.to_owned()), "{name}");
         }
     }
 }

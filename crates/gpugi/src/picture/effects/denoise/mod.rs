@@ -50,7 +50,7 @@ pub(in crate::picture) fn is_noisy(strips: &[Strip<'_>]) -> bool {
 const UNSETTLED_FRAMES: u32 = 16;
 
 /// Frames that count after lights or materials have changed, which changes light everywhere.
-const FEW_FRAMES: u32 = 3;
+const FEW_FRAMES: u32 = 4;
 
 /// Deviations from the mean of what the latest frames saw around a pixel that the history may have after objects have
 /// moved, whose shadows change light here and there.
