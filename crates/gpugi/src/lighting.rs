@@ -243,7 +243,10 @@ impl Lighting {
         let all: Vec<_> = self.techniques.iter().zip(plans).collect();
         for (index, &(second, plan)) in all.iter().enumerate() {
             for &(first, earlier) in &all[..index] {
-                let are_compared = second.info().role == Role::Everything
+                let is_everything =
+                    |technique: &Box<dyn Technique>| technique.info().role == Role::Everything;
+                let are_compared = is_everything(first)
+                    || is_everything(second)
                     || (claims_nothing(earlier) && claims_nothing(plan));
                 if are_compared && let Some((class, path)) = overlap(&earlier.paths, &plan.paths) {
                     return Err(LightingError::Overlap {

@@ -604,9 +604,7 @@ impl Renderer {
         }
         let is_noisy = remembers && self.lighting.is_noisy();
         for strip in &mut self.strips {
-            if is_noisy {
-                strip.expect_noise(frame, self.samples == 0)?;
-            }
+            strip.expect_noise(frame, is_noisy, self.samples == 0)?;
             let lattice = lattice.below(strip.rows.start);
             let view = view.of_rows(&strip.rows).lit_on(lattice);
             strip.receiver.points.lit = lattice.count([view.uniform.width, view.uniform.height]);

@@ -152,7 +152,7 @@ impl Target {
         Ok(Self {
             radiance,
             mirrored: mirrored(gpu, 1)?,
-            noisy: noisy(gpu, 1)?,
+            noisy: gpu.buffer("no noise", NOISE_BYTES, wgpu::BufferUsages::STORAGE)?,
         })
     }
 
@@ -173,12 +173,12 @@ impl Target {
     }
 }
 
-/// [`Target::noisy`] of so many points.
+/// [`Target::noisy`] of so many points, which more than one tells from the place holder of other targets.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`].
 pub(crate) fn noisy(gpu: &Gpu, count: u32) -> Result<wgpu::Buffer, GpuError> {
-    let bytes = u64::from(count) * NOISE_BYTES;
+    let bytes = u64::from(count.max(2)) * NOISE_BYTES;
     gpu.buffer("noisy radiance [bytes]", bytes, wgpu::BufferUsages::STORAGE)
 }
 

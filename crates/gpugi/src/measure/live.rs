@@ -56,6 +56,14 @@ pub fn measure_live(
     options: &Options,
     report: Report<'_>,
 ) -> Result<Live, MeasureError> {
+    if !effects.temporal_antialiasing.is_on() {
+        return Err(MeasureError::Picture {
+            of: "the live view",
+            reason:
+                "frames remember none before them: temporal-antialiasing.frames must be 2 or more"
+                    .into(),
+        });
+    }
     let size = renderer.size();
     let parts = [all_light(&renderer.light_classes())];
     let truth = |camera: &Camera, report: Report<'_>| {

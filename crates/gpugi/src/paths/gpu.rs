@@ -57,4 +57,8 @@ pub(crate) struct Header {
     pub listed_shadow_rays: u32,
     pub seed: u32,
     pub first_sample: u32,
+    pub interval: u32,
+    pub first_x: u32,
+    pub first_y: u32,
+    pub begins_on_surfaces: u32,
 }

@@ -207,6 +207,7 @@ impl Wavefront {
             items: blocks * 64 * samples,
             seed,
             first_sample,
+            interval: 1,
             ..Default::default()
         };
         gpu.write(&self.pool, 0, std::slice::from_ref(&header));

@@ -19,15 +19,20 @@ pub(super) struct LitStrip {
 }
 
 impl LitStrip {
-    /// Lets techniques tell which part of their light is noisy. `begins`: of a picture that begins.
+    /// Lets techniques tell which part of their light is noisy, if that is wanted. `begins`: of a picture that begins.
     ///
     /// # Errors
     /// [`GpuError`].
-    pub fn expect_noise(&mut self, frame: &mut Frame<'_>, begins: bool) -> Result<(), GpuError> {
+    pub fn expect_noise(
+        &mut self,
+        frame: &mut Frame<'_>,
+        is_wanted: bool,
+        begins: bool,
+    ) -> Result<(), GpuError> {
         let Receiver { points, target, .. } = &mut self.receiver;
-        if !target.is_noisy() {
+        if is_wanted && !target.is_noisy() {
             target.noisy = noisy(frame.gpu, points.count)?;
-        } else if begins {
+        } else if begins && target.is_noisy() {
             frame.clear(&target.noisy);
         }
         Ok(())

@@ -121,7 +121,9 @@ impl Technique for PathTracing {
         scene.expect_rays(INFO.name)?;
         let gpu = frame.gpu;
         self.lights.follow(gpu, scene)?;
-        let constants = Constants::of(scene, self.pattern);
+        let shows_lights = [ALL, WITHOUT_CAUSTICS].contains(&self.pattern);
+        let bounces = self.settings.bounces;
+        let constants = Constants::of(scene, self.pattern, bounces, shows_lights);
         let pattern = self.pattern;
         let made_for = constants.clone();
         self.passes.compiled(frame, made_for, |_| {

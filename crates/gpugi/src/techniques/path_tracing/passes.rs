@@ -19,6 +19,8 @@ use crate::stage::{Same, Stage};
 const PATHS_OF_A_PICTURE: u32 = 1 << 21;
 const PATHS: u32 = 1 << 18;
 const PATHS_IN_SOFTWARE: u32 = 1 << 14;
+/// `MOST_FOLLOWED` of look.wesl.
+const MOST_FOLLOWED: u32 = 8;
 /// Bytes of a path, with its result.
 const PATH_BYTES: u64 = (PATH_ROWS + 1) * 16;
 /// Surfaces after which chance may end a path.
@@ -33,11 +35,13 @@ pub struct Constants {
     pattern: &'static str,
     /// Whether any object is an ideal mirror or glass.
     has_smooth: bool,
+    /// Mirrors and glass behind which paths find the sky and lamps.
+    most_shown: u32,
 }
 
 impl Constants {
-    /// In `scene`, for paths of `pattern`.
-    pub fn of(scene: &GpuScene, pattern: &'static str) -> Self {
+    /// In `scene`, for paths of `pattern` over `bounces` surfaces. `shows_lights`: the pattern contains `LS+E`.
+    pub fn of(scene: &GpuScene, pattern: &'static str, bounces: u32, shows_lights: bool) -> Self {
         let flag = |set: bool| f64::from(u8::from(set));
         let mut objects = scene.objects.iter();
         let passes_light = objects.any(|object| object.is_transmissive || object.is_translucent);
@@ -52,6 +56,10 @@ impl Constants {
         Self {
             values,
             pattern,
+            most_shown: match shows_lights {
+                true => bounces.min(MOST_FOLLOWED),
+                false => 0,
+            },
             has_smooth: scene.objects.iter().any(|object| object.is_smooth),
         }
     }
@@ -133,9 +141,11 @@ impl Passes {
             kernels: Kernels::new(gpu, scene, &constants.values)?,
             add: Kernel::new(gpu, &add, "main", None)?,
             look: match constants.has_smooth {
-                true => {
-                    Some(scene.ray_kernel(gpu, &shader!("techniques.path_tracing.look"), &[])?)
-                }
+                true => Some(scene.ray_kernel(
+                    gpu,
+                    &shader!("techniques.path_tracing.look"),
+                    &[("MOST_SHOWN", f64::from(constants.most_shown))],
+                )?),
                 false => None,
             },
             automaton: gpu.storage("path-tracing.automaton", &filter.automaton().words())?,

@@ -3,8 +3,9 @@
 
 use std::ops::ControlFlow;
 
-use gpugi_scene::Scene;
+use glam::Vec3;
 use gpugi_scene::builtin::builtin;
+use gpugi_scene::{AlphaMode, Scene};
 
 use super::{INFO, PathTracing};
 use crate::gpu::Gpu;
@@ -90,4 +91,25 @@ fn it_leaves_to_others_what_they_add() {
         matches!(refused, Err(LightingError::Overlap { .. })),
         "both add indirect light"
     );
+}
+
+/// A pane of alpha 0.5 is seen with the probability that the eye sees it, not with its square.
+#[test]
+fn what_the_eye_sees_through_alpha_is_lit_once() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = builtin("cornell", 1).unwrap();
+    for material in &mut scene.materials {
+        if material.emissive == Vec3::ZERO {
+            material.alpha_mode = AlphaMode::Blend;
+            material.base_color.w = 0.5;
+        }
+    }
+    let found = mean(&picture(&mut alone(&gpu, &scene), &scene, 96));
+    let mut tracer = PathTracer::new(&gpu, &scene, SIZE, &Settings::default()).unwrap();
+    tracer
+        .render(&scene.cameras[0], 96, &mut |_| ControlFlow::Continue(()))
+        .unwrap();
+    let truth = mean(&tracer.radiance().unwrap());
+    println!("{found:.5} of {truth:.5}");
+    assert!((found / truth - 1.0).abs() < 0.04, "{found} of {truth}");
 }

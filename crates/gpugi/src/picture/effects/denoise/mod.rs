@@ -56,8 +56,9 @@ const FEW_FRAMES: u32 = 4;
 /// moved, whose shadows change light here and there.
 const DEVIATIONS: f32 = 0.5;
 
-/// Samples of a picture at rest after which what earlier frames saw no longer counts.
+/// Samples of a picture at rest after which what earlier frames saw no longer counts, and if they saw other light.
 const REST_SAMPLES: u32 = 32;
+const REST_SAMPLES_OF_OTHER_LIGHT: u32 = 8;
 
 /// `Filter` of guide.wesl.
 #[repr(C)]
@@ -108,8 +109,9 @@ struct Kernels {
 pub(in crate::picture) struct Pass {
     kernels: Option<Kernels>,
     textures: Option<Textures>,
-    /// What was shown last, and the frames since anything changed, and since more did than places.
-    versions: Option<Versions>,
+    /// [`Live::turn`] of the picture that was filtered last.
+    turn: Option<usize>,
+    /// Frames since anything changed, and since more did than places.
     settled: [u32; 2],
 }
 
@@ -155,38 +157,42 @@ impl Pass {
         settings: &Settings,
     ) -> Result<wgpu::TextureView, GpuError> {
         let gpu = frame.gpu;
+        if !is_noisy(strips) {
+            return Ok(film.radiance.clone());
+        }
         self.prepare(gpu)?;
-        let mut targets = strips.iter().map(|strip| &strip.receiver.target);
-        let Some(kernels) = self
-            .kernels
-            .as_ref()
-            .filter(|_| targets.any(Target::is_noisy))
-        else {
+        let Some(kernels) = &self.kernels else {
             return Ok(film.radiance.clone());
         };
         let (now, before) = (film.now(), film.before());
-        let versions = now.shot.map(|shot| shot.versions);
+        let [versions, versions_before] =
+            [now, before].map(|image| image.shot.map(|shot| shot.versions));
+        let is_new = self.turn.replace(film.turn()) != Some(film.turn());
         let but_places = Inputs::GEOMETRY.without();
         let light = |versions: Option<Versions>| versions.map(|versions| versions.of(but_places));
         let has_changed = [
-            self.versions != versions,
-            light(self.versions) != light(versions),
+            versions != versions_before,
+            light(versions) != light(versions_before),
         ];
         for (settled, has_changed) in self.settled.iter_mut().zip(has_changed) {
-            *settled = match (self.versions, has_changed) {
+            *settled = match (versions_before, has_changed) {
                 (None, _) => UNSETTLED_FRAMES,
+                // Samples of one picture all have the history of the picture before.
                 (Some(_), true) => 0,
-                (Some(_), false) => settled.saturating_add(1),
+                (Some(_), false) => settled.saturating_add(is_new.into()),
             };
         }
-        self.versions = versions;
         let textures = match &mut self.textures {
             Some(textures) => textures,
             none => none.insert(Textures::new(gpu, size)?),
         };
         let seen_from = |shot: &Shot| shot.film_from_world;
         let has_moved = now.shot.as_ref().map(seen_from) != before.shot.as_ref().map(seen_from);
-        let end = REST_SAMPLES.min(of).max(2);
+        let end = match has_changed[1] {
+            true => REST_SAMPLES_OF_OTHER_LIGHT,
+            false => REST_SAMPLES,
+        };
+        let end = end.min(of).max(2);
         let rest = end.saturating_sub(samples) as f32 / (end - 1) as f32;
         let [is_settled, is_lit_alike] = self.settled.map(|frames| frames >= UNSETTLED_FRAMES);
         let frames = match is_lit_alike {

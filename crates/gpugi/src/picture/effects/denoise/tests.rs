@@ -151,3 +151,29 @@ fn images_in_mirrors_are_filtered_too() {
     println!("unfiltered {unfiltered:.4}, filtered {filtered:.4}");
     assert!(filtered < 1.1 * unfiltered, "{filtered}, {unfiltered}");
 }
+
+/// One edit, one frame, and then a picture at rest, as a viewer has it: the history is that of before the edit all the while.
+#[test]
+fn light_that_is_switched_off_does_not_come_back_at_rest() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = builtin("room", 1).unwrap();
+    let camera = &scene.cameras[0];
+    let mut renderer = renderer(&gpu, &scene, &["path-tracing"]);
+    let effects = live(Filter::Temporal);
+    for _ in 0..24 {
+        frame(&mut renderer, camera, &effects);
+    }
+    let mut light = scene.lights[0].clone();
+    light.intensity *= 0.05;
+    renderer.edit(&[Edit::Light { index: 0, light }]).unwrap();
+    frame(&mut renderer, camera, &effects);
+    for _ in 0..20 {
+        renderer
+            .render_sample(camera, 64, Some(&effects), false)
+            .unwrap();
+    }
+    let shown = mean(&renderer.live_radiance().unwrap());
+    let gone = mean(&truth(&mut renderer, camera, 64));
+    println!("{shown:.4} at rest, {gone:.4} in truth");
+    assert!((shown / gone - 1.0).abs() < 0.1, "{shown} of {gone}");
+}

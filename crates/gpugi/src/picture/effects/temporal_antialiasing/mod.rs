@@ -97,7 +97,8 @@ impl Pass {
         })
     }
 
-    /// Blends a film of `samples` samples with this `radiance`, whose noise is filtered or not, which will have `of` at rest, with the picture before it: pass
+    /// Blends `radiance`, the film's, whose noise is filtered or not, with the picture before it. The film has `samples` of
+    /// the `of` samples that it will have at rest. Pass
     /// `picture.temporal-antialiasing`. `exposure`: the exposure value of the frame before. Returns the picture.
     ///
     /// # Errors
