@@ -243,10 +243,9 @@ impl Lighting {
         let all: Vec<_> = self.techniques.iter().zip(plans).collect();
         for (index, &(second, plan)) in all.iter().enumerate() {
             for &(first, earlier) in &all[..index] {
-                let is_everything =
-                    |technique: &Box<dyn Technique>| technique.info().role == Role::Everything;
-                let are_compared = is_everything(first)
-                    || is_everything(second)
+                let are_compared = [first, second]
+                    .iter()
+                    .any(|technique| technique.info().role == Role::Everything)
                     || (claims_nothing(earlier) && claims_nothing(plan));
                 if are_compared && let Some((class, path)) = overlap(&earlier.paths, &plan.paths) {
                     return Err(LightingError::Overlap {

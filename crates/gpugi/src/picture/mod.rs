@@ -203,7 +203,6 @@ impl Picture {
                     frame,
                     film,
                     (&lit_film, is_filtered),
-                    size,
                     samples,
                     exposure,
                     antialiasing,

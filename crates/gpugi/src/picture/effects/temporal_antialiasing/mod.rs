@@ -108,12 +108,13 @@ impl Pass {
         frame: &mut Frame<'_>,
         film: &'a Live,
         (radiance, is_filtered): (&wgpu::TextureView, bool),
-        size: [u32; 2],
         [samples, of]: [u32; 2],
         exposure: &wgpu::Buffer,
         settings: &Settings,
     ) -> Result<&'a wgpu::TextureView, GpuError> {
         let gpu = frame.gpu;
+        let wgpu::Extent3d { width, height, .. } = radiance.texture().size();
+        let size = [width, height];
         let (now, before) = (film.now(), film.before());
         // Of a picture at rest, the last sample ends their share.
         let end = REST_SAMPLES.min(of).max(2);
