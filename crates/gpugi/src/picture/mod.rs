@@ -268,7 +268,7 @@ impl Picture {
     /// floats per pixel, in rows from top to bottom. Empty if there was none.
     ///
     /// # Errors
-    /// The errors of [`read_texture`](crate::gpu::read_texture).
+    /// The errors of [`read_texture`].
     pub fn live_radiance(&self, gpu: &Gpu) -> Result<Vec<f32>, GpuError> {
         let Some((live, _)) = &self.live else {
             return Ok(Vec::new());
