@@ -250,13 +250,13 @@ fn pieces_that_never_wait_make_the_same_picture() {
         let size = [20, 17];
         let new = || PathTracer::with_tiles(&gpu, &scene, size, &settings, side, true).unwrap();
         let mut whole = new();
-        let expected = picture(&mut whole, camera, 4, 5);
+        let expected = picture(&mut whole, camera, 8, 5);
         let mut pieces = new();
         pieces.restart(5).unwrap();
         let mut count = 0;
         let progress = loop {
             count += 1;
-            let progress = pieces.try_render(camera, 4, 1000).unwrap();
+            let progress = pieces.try_render(camera, 8, 1000).unwrap();
             assert!((0.0..=1.0).contains(&progress.fraction));
             if progress.fraction == 1.0 {
                 break progress;
@@ -264,7 +264,7 @@ fn pieces_that_never_wait_make_the_same_picture() {
             std::thread::sleep(std::time::Duration::from_millis(1));
         };
         assert!(count > 10, "{name}: {count} pieces");
-        assert_eq!(progress.samples, 4);
+        assert_eq!(progress.samples, 8);
         assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
         assert_eq!(progress.noise, Some(whole.noise().unwrap()), "{name}");
         let comparison = crate::picture::Comparison::new(&gpu, size).unwrap();
@@ -276,9 +276,9 @@ fn pieces_that_never_wait_make_the_same_picture() {
         assert_eq!(shown, expected, "{name}");
         // What was begun in pieces may be finished at once.
         pieces.restart(5).unwrap();
-        pieces.try_render(camera, 4, 1000).unwrap();
+        pieces.try_render(camera, 8, 1000).unwrap();
         let mut on = |_: &super::Progress| ControlFlow::Continue(());
-        pieces.render(camera, 4, &mut on).unwrap();
+        pieces.render(camera, 8, &mut on).unwrap();
         assert_eq!(pieces.radiance().unwrap(), expected, "{name}");
     }
 }
