@@ -7,6 +7,7 @@ use gpugi_scene::{Camera, Scene};
 use super::{MeasureError, Options, PassTime, Progress, Report, Subject, collect, medians, trace};
 use crate::gpu::Gpu;
 use crate::light_paths::all_light;
+use crate::lighting::Readiness;
 use crate::picture::Effects;
 use crate::renderer::Renderer;
 
@@ -81,6 +82,17 @@ pub fn measure_live(
     let mut last = [Vec::new(), Vec::new()];
     let mut noise = 0.0_f64;
     renderer.set_seed(options.seed);
+    // Maps that are made once are no part of a frame.
+    let readiness = renderer.converge(&orbit(scene, camera, 0), false, |readiness, _| {
+        report(&Progress {
+            stage: "maps".to_owned(),
+            fraction: f64::from(readiness.progress()),
+            state: format!("{:.0} %", readiness.progress() * 100.0),
+        })
+    })?;
+    if readiness != Readiness::Ready {
+        return Err(MeasureError::Interrupted);
+    }
     renderer.forget();
     for frame in 0..FRAMES {
         let seen = orbit(scene, camera, frame);
