@@ -308,9 +308,13 @@ impl App {
                     Readiness::Ready if session.loaded().set.is_path_tracer() => {
                         ui.label(panels::traced(session));
                     }
-                    Readiness::Ready => {
-                        ui.label(format!("{} samples", session.loaded().renderer.samples()));
-                    }
+                    Readiness::Ready => match session.lit_share() {
+                        Some(share) => work(ui, "pixels", share),
+                        None => {
+                            let samples = session.loaded().renderer.samples();
+                            ui.label(format!("{samples} samples"));
+                        }
+                    },
                 }
                 if self.frame_seconds > 0.0 {
                     ui.label(format!("{:.0} frames/s", 1.0 / self.frame_seconds));

@@ -158,7 +158,7 @@ async fn first_light(
         };
         gpu_done(gpu).await?;
         let (seconds, work) = (began.elapsed().as_secs_f32(), renderer.work());
-        pace.measure(seconds, work, Purpose::Maps);
+        pace.measure(seconds, work, 0, Purpose::Maps);
         #[cfg(not(target_arch = "wasm32"))]
         if work == 0 {
             // Other threads are at work.

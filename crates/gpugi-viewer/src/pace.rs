@@ -1,5 +1,5 @@
-//! The pace of frames: how many pixels a moving picture has, and how much work on maps a frame does, so that frames
-//! keep the rate that was asked for.
+//! The pace of frames: how many pixels a moving picture has, in what parts one at rest gets all of its own, and how much
+//! work on maps a frame does, so that frames keep the rate that was asked for.
 
 use gpugi::lighting::Budget;
 
@@ -16,6 +16,8 @@ const MOST_STEPS: u32 = 12;
 const PATIENCE: u32 = 12;
 /// Longest time of a frame when nothing moves (s): input waits for it.
 const STILL_SECONDS: f32 = 0.2;
+/// Fewest pixels that a frame at rest lights: a strip has passes of its own.
+const LEAST_POINTS: u32 = 4096;
 /// Time that a picture of the path tracer may take in motion (s).
 const TRACED_SECONDS: f32 = 0.1;
 /// Frames per second, at least, while maps are made without a picture.
@@ -36,6 +38,17 @@ pub enum Purpose {
     Maps,
 }
 
+/// How many of its pixels a picture has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// As many as leave frames their rate.
+    Moving,
+    /// As many as input may wait for at rest.
+    Coarse,
+    /// All, in as many frames as that takes.
+    Full,
+}
+
 /// Chooses resolution and budget by the times of frames.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pace {
@@ -46,7 +59,7 @@ pub struct Pace {
     /// Whether pictures may have fewer pixels, so that frames are fast enough.
     pub is_adaptive: bool,
     in_motion: Resolution,
-    at_rest: Resolution,
+    at_rest: PixelTime,
     /// Work on maps beside a picture in motion.
     units_in_motion: u64,
     /// Work on maps without a picture.
@@ -105,7 +118,7 @@ impl Default for Pace {
                 is_shared: true,
                 ..Resolution::default()
             },
-            at_rest: Resolution::default(),
+            at_rest: PixelTime::default(),
             units_in_motion: FIRST_UNITS,
             units_alone: FIRST_UNITS,
         }
@@ -113,8 +126,8 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Takes notice of a frame that took `seconds` and did `work` on maps.
-    pub fn measure(&mut self, seconds: f32, work: u64, purpose: Purpose) {
+    /// Takes notice of a frame that took `seconds`, did `work` on maps and lit `points` pixels.
+    pub fn measure(&mut self, seconds: f32, work: u64, points: u32, purpose: Purpose) {
         let rate = self.target_rate.max(1);
         let due = 1.0 / rate as f32;
         match purpose {
@@ -123,8 +136,9 @@ impl Pace {
                 if !follow(&mut self.units_in_motion, seconds / due, work) {
                     self.in_motion.measure(seconds / due);
                 }
+                self.at_rest.measure(seconds, points);
             }
-            Purpose::Still => self.at_rest.measure(seconds / STILL_SECONDS.max(due)),
+            Purpose::Still => self.at_rest.measure(seconds, points),
             Purpose::Maps => {
                 let due = 1.0 / rate.min(MAPS_RATE) as f32;
                 follow(&mut self.units_alone, seconds / due, work);
@@ -155,15 +169,57 @@ impl Pace {
     }
 
     /// Pixels of the picture in a window of `size` pixels.
-    pub fn size(&self, size: [u32; 2], is_moving: bool) -> [u32; 2] {
-        let steps = match (self.is_adaptive, is_moving) {
-            (false, _) => 0,
-            (true, true) => self.in_motion.steps.saturating_sub(1),
-            (true, false) => self.at_rest.steps,
+    pub fn size(&self, size: [u32; 2], detail: Detail) -> [u32; 2] {
+        let scaled = |scale: f32| {
+            size.map(|side| ((side as f32 * self.scale * scale).round() as u32).max(1))
         };
-        let scale = self.scale * STEP.powi(steps as i32);
-        size.map(|side| ((side as f32 * scale).round() as u32).max(1))
+        let all = scaled(1.0);
+        match detail {
+            _ if !self.is_adaptive => all,
+            Detail::Full => all,
+            Detail::Moving => scaled(STEP.powi(self.in_motion.steps.saturating_sub(1) as i32)),
+            Detail::Coarse => {
+                let share = f64::from(self.points_at_rest()) / points(all);
+                scaled(share.sqrt().min(1.0) as f32)
+            }
+        }
     }
+
+    /// Pixels that a frame at rest lights at most.
+    pub fn points_at_rest(&self) -> u32 {
+        let due = 1.0 / self.target_rate.max(1) as f32;
+        match self.at_rest.seconds() {
+            Some(seconds) if self.is_adaptive => {
+                ((STILL_SECONDS.max(due) / seconds) as u32).max(LEAST_POINTS)
+            }
+            _ => u32::MAX,
+        }
+    }
+}
+
+/// Time that a pixel takes: the shorter one of the last two frames', since one of them may have waited for a pipeline.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct PixelTime {
+    last_two: [Option<f32>; 2],
+}
+
+impl PixelTime {
+    fn measure(&mut self, seconds: f32, points: u32) {
+        if points > 0 && seconds > 0.0 {
+            self.last_two = [self.last_two[1], Some(seconds / points as f32)];
+        }
+    }
+
+    /// Seconds, once it is known.
+    fn seconds(&self) -> Option<f32> {
+        let [a, b] = self.last_two;
+        Some(a?.min(b?))
+    }
+}
+
+/// Pixels of a picture.
+fn points([width, height]: [u32; 2]) -> f64 {
+    f64::from(width) * f64::from(height)
 }
 
 /// Adapts a budget to a frame that did `work` within it, by its time as a part of the time that is due. Returns whether
@@ -190,10 +246,10 @@ mod tests {
     fn frames(pace: &mut Pace, seconds: f32, count: u32) -> f32 {
         let mut last = 0.0;
         for _ in 0..count {
-            let [width, height] = pace.size([1000, 1000], true);
+            let [width, height] = pace.size([1000, 1000], Detail::Moving);
             let lit = (width * height) as f32 / pace.interval(1).pow(2) as f32;
             last = seconds * lit / 1e6;
-            pace.measure(last, 0, Purpose::Moving);
+            pace.measure(last, 0, lit as u32, Purpose::Moving);
         }
         last
     }
@@ -203,28 +259,35 @@ mod tests {
         let mut pace = Pace::default();
         let last = frames(&mut pace, 0.3, 10);
         assert!(last < 1.25 / pace.target_rate as f32, "{last}");
-        assert_eq!(pace.size([1000, 500], false), [1000, 500]);
+        assert_eq!(pace.size([1000, 500], Detail::Full), [1000, 500]);
         // The way back, on a faster machine.
         frames(&mut pace, 0.005, 400);
-        assert_eq!(pace.size([1000, 500], true), [1000, 500]);
+        assert_eq!(pace.size([1000, 500], Detail::Moving), [1000, 500]);
         frames(&mut pace, 0.3, 10);
         pace.is_adaptive = false;
-        assert_eq!(pace.size([1000, 500], true), [1000, 500]);
+        assert_eq!(pace.size([1000, 500], Detail::Moving), [1000, 500]);
     }
 
+    /// A pixel takes 2 microseconds: 100,000 of them, a tenth, may light at once.
     #[test]
-    fn still_pictures_give_up_pixels_only_when_input_would_wait_long() {
+    fn still_pictures_light_all_their_pixels_in_parts() {
         let mut pace = Pace::default();
-        for seconds in [0.15, 3.0, 0.15] {
-            pace.measure(seconds, 0, Purpose::Still);
+        assert_eq!(pace.size([1000, 1000], Detail::Coarse), [1000, 1000]);
+        for seconds in [2e-3, 5.0, 2e-3] {
+            pace.measure(seconds, 0, 1000, Purpose::Moving);
         }
-        assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
-        pace.measure(2.0, 0, Purpose::Still);
-        pace.measure(2.0, 0, Purpose::Still);
-        let [width, height] = pace.size([1000, 1000], false);
-        let seconds = 2.0 * (width * height) as f32 / 1e6;
-        assert!(seconds < 1.25 * STILL_SECONDS, "{seconds}");
-        assert_eq!(pace.size([1000, 1000], true), [1000, 1000]);
+        assert_eq!(pace.points_at_rest(), 100_000);
+        assert_eq!(pace.size([1000, 1000], Detail::Coarse), [316, 316]);
+        assert_eq!(pace.size([1000, 1000], Detail::Full), [1000, 1000]);
+        assert_eq!(pace.size([300, 300], Detail::Coarse), [300, 300]);
+        // A slow machine lights some.
+        for _ in 0..2 {
+            pace.measure(5.0, 0, 1000, Purpose::Still);
+        }
+        assert_eq!(pace.points_at_rest(), LEAST_POINTS);
+        pace.is_adaptive = false;
+        assert_eq!(pace.size([1000, 1000], Detail::Coarse), [1000, 1000]);
+        assert_eq!(pace.points_at_rest(), u32::MAX);
     }
 
     #[test]
@@ -232,12 +295,12 @@ mod tests {
         let mut pace = Pace::default();
         let mut last = 0.0;
         for _ in 0..10 {
-            let [width, height] = pace.size([1000, 1000], true);
+            let [width, height] = pace.size([1000, 1000], Detail::Moving);
             last = 2.0 * (width * height) as f32 / 1e6;
             pace.measure_traced(last);
         }
         assert!(last < 1.25 * TRACED_SECONDS, "{last}");
-        assert_eq!(pace.size([1000, 1000], false), [1000, 1000]);
+        assert_eq!(pace.size([1000, 1000], Detail::Full), [1000, 1000]);
     }
 
     #[test]
@@ -246,7 +309,7 @@ mod tests {
         let due = 1.0 / pace.target_rate as f32;
         frames(&mut pace, 2.0 * due, 50);
         assert_eq!(
-            (pace.interval(1), pace.size([1000, 1000], true)),
+            (pace.interval(1), pace.size([1000, 1000], Detail::Moving)),
             (2, [1000, 1000])
         );
         // Half of the time is left, and a frame with all pixels takes twice what there is.
@@ -263,20 +326,20 @@ mod tests {
     fn the_resolution_does_not_swing() {
         let mut pace = Pace::default();
         frames(&mut pace, 0.1, 100);
-        let settled = pace.size([1000, 1000], true);
+        let settled = pace.size([1000, 1000], Detail::Moving);
         frames(&mut pace, 0.1, 100);
-        assert_eq!(pace.size([1000, 1000], true), settled);
+        assert_eq!(pace.size([1000, 1000], Detail::Moving), settled);
     }
 
     #[test]
     fn maps_give_way_before_pixels() {
         let mut pace = Pace::default();
         let units = pace.units_in_motion;
-        pace.measure(0.2, units, Purpose::Moving);
+        pace.measure(0.2, units, 4096, Purpose::Moving);
         assert!(pace.units_in_motion < units / 2);
-        assert_eq!(pace.size([64, 64], true), [64, 64]);
+        assert_eq!(pace.size([64, 64], Detail::Moving), [64, 64]);
         for _ in 0..40 {
-            pace.measure(0.01, pace.units_in_motion, Purpose::Moving);
+            pace.measure(0.01, pace.units_in_motion, 4096, Purpose::Moving);
         }
         assert!(pace.units_in_motion > units);
         assert_eq!(pace.units_alone, units);
@@ -288,20 +351,24 @@ mod tests {
         let mut pace = Pace::default();
         for _ in 0..100 {
             let work = pace.units_alone;
-            pace.measure(work as f32 * 1e-8, work, Purpose::Maps);
-            pace.measure(0.1, UNITS[0], Purpose::Still);
+            pace.measure(work as f32 * 1e-8, work, 0, Purpose::Maps);
+            pace.measure(0.1, UNITS[0], 4096, Purpose::Still);
         }
         let seconds = pace.units_alone as f32 * 1e-8;
         assert!((0.01..0.02).contains(&seconds), "{seconds}");
-        assert_eq!(pace.size([64, 64], false), [64, 64]);
+        assert_eq!(pace.size([64, 64], Detail::Full), [64, 64]);
     }
 
     #[test]
     fn a_picture_has_pixels() {
         let mut pace = Pace::default();
         frames(&mut pace, 1e6, 50);
-        assert_eq!(pace.size([1, 3], true)[0], 1);
-        pace.measure(f32::NAN, 0, Purpose::Moving);
-        assert!(pace.size([0, 0], true).iter().all(|&side| side > 0));
+        assert_eq!(pace.size([1, 3], Detail::Moving)[0], 1);
+        pace.measure(f32::NAN, 0, 1, Purpose::Moving);
+        assert!(
+            pace.size([0, 0], Detail::Moving)
+                .iter()
+                .all(|&side| side > 0)
+        );
     }
 }

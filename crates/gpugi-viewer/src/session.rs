@@ -20,7 +20,7 @@ use gpugi_scene::{Document, Scene};
 use crate::camera_control::CameraControl;
 use crate::game::ball::Finish;
 use crate::game::{Game, Intent};
-use crate::pace::{Pace, Purpose};
+use crate::pace::{Detail, Pace, Purpose};
 use crate::technique_set::{PATH_TRACER, TechniqueSet};
 use crate::timings::PassTimes;
 use crate::truth::Truth;
@@ -148,6 +148,9 @@ pub struct Session {
     passed: f32,
     /// Width and height of the window's last picture (pixels).
     window: [u32; 2],
+    detail: Detail,
+    /// Width and height of the picture (pixels), and how many of its pixels a frame lights at most.
+    pixels: ([u32; 2], u32),
     /// What the last frame was for, if its time says something.
     was_for: Option<Purpose>,
     /// Time since the last frame with a new picture ended (s).
@@ -216,6 +219,8 @@ impl Session {
             at_rest: 0.0,
             passed: 0.0,
             window: [1, 1],
+            detail: Detail::Moving,
+            pixels: (loaded.renderer.size(), u32::MAX),
             was_for: None,
             unchanged: 0.0,
             picture_took: Some(0.0),
@@ -453,8 +458,9 @@ impl Session {
         took: f32,
     ) -> Result<Shown, LightingError> {
         if let Some(purpose) = self.was_for.take() {
-            let work = self.loaded.renderer.work();
-            self.pace.measure(took, work, purpose);
+            let renderer = &self.loaded.renderer;
+            let (work, points) = (renderer.work(), renderer.lit_points());
+            self.pace.measure(took, work, points, purpose);
         }
         if !self.is_held {
             let is_driven = !self.is_game_paused && self.drive(seconds.min(LONGEST_STEERED));
@@ -479,15 +485,18 @@ impl Session {
             self.passed = 0.0;
         }
         let is_moving_still = self.at_rest < REST_SECONDS;
-        self.window = window;
-        let size = self.pace.size(window, is_moving_still);
+        let is_other = self.choose_pixels(window, is_moving_still);
+        let (size, most_points) = self.pixels;
         let renderer = &mut self.loaded.renderer;
         match self.picture_took {
             Some(_) => self.unchanged += took,
             None => self.picture_took = Some(took),
         }
-        if size != renderer.size() {
-            renderer.resize(size)?;
+        if is_other || size != renderer.size() {
+            match most_points < u32::MAX {
+                true => renderer.resize_in_strips(size, most_points)?,
+                false => renderer.resize(size)?,
+            }
             self.unchanged = f32::INFINITY;
         }
         if is_moving || self.readiness != Readiness::Ready {
@@ -559,6 +568,7 @@ impl Session {
                 (_, false) => Purpose::Still,
             };
             renderer.set_budget(self.pace.budget(purpose));
+            let to_show = &effects;
             let effects = is_plain.then_some(&effects);
             let camera = self.camera.camera();
             let is_alone = is_moving || self.readiness != Readiness::Ready;
@@ -567,7 +577,20 @@ impl Session {
                 renderer.try_render_sample(&camera, of, effects, is_timed)?;
             self.readiness = readiness;
             let is_usable = readiness.is_usable();
-            shown.is_new = is_usable && !is_late;
+            let is_whole = renderer.progress() == 0.0;
+            let is_lit = if is_plain {
+                renderer.is_displayed()
+            } else {
+                is_whole
+            };
+            shown.is_new = is_usable && is_lit && !is_late;
+            if is_usable && !is_lit && !is_displayed && !is_late && renderer.samples() > 0 {
+                // What was asked for meanwhile is not to wait for the last strip.
+                shown.is_new = true;
+                if is_plain {
+                    renderer.display(Source::Picture, to_show)?;
+                }
+            }
             let has_purpose = is_usable != (purpose == Purpose::Maps);
             self.was_for = has_purpose.then_some(purpose);
             if is_timed {
@@ -608,6 +631,44 @@ impl Session {
         Ok(shown)
     }
 
+    /// Chooses how many pixels the picture has, in parts of how many: in motion few, at rest more, and when there is such a
+    /// picture with final maps all. Returns whether that changed.
+    fn choose_pixels(&mut self, window: [u32; 2], is_moving: bool) -> bool {
+        let renderer = &self.loaded.renderer;
+        let has_new_window = std::mem::replace(&mut self.window, window) != window;
+        let is_seen = self.readiness == Readiness::Ready
+            && renderer.samples() > 0
+            && has_size(&self.picture, renderer.size());
+        let full = self.pace.size(window, Detail::Full);
+        let is_slow =
+            !self.loaded.set.is_path_tracer() && self.pace.size(window, Detail::Coarse) != full;
+        let before = self.detail;
+        self.detail = match before {
+            _ if is_moving => Detail::Moving,
+            Detail::Moving if is_slow => Detail::Coarse,
+            Detail::Coarse if !is_seen => Detail::Coarse,
+            _ => Detail::Full,
+        };
+        let is_chosen = self.detail == before && !has_new_window;
+        let pixels = match self.detail {
+            Detail::Moving => (self.pace.size(window, Detail::Moving), u32::MAX),
+            // Their times would change the choice from frame to frame.
+            Detail::Coarse if is_chosen => self.pixels,
+            Detail::Coarse => (self.pace.size(window, Detail::Coarse), u32::MAX),
+            Detail::Full if is_chosen && self.pixels.0 == full => self.pixels,
+            Detail::Full if is_slow => (full, self.pace.points_at_rest()),
+            Detail::Full => (full, u32::MAX),
+        };
+        std::mem::replace(&mut self.pixels, pixels) != pixels
+    }
+
+    /// Share of the pixels that are there, while a picture at rest gets them.
+    pub fn lit_share(&self) -> Option<f32> {
+        let renderer = &self.loaded.renderer;
+        let is_first = self.detail == Detail::Full && renderer.samples() == 0;
+        (is_first && self.pixels.1 < u32::MAX).then(|| renderer.progress())
+    }
+
     /// Whether effects that change over time have come to their end, or time stands still.
     fn is_settled(&self) -> bool {
         self.is_held || self.passed >= self.effects.exposure.settling_seconds()
@@ -619,7 +680,7 @@ impl Session {
         let renderer = &self.loaded.renderer;
         self.readiness == Readiness::Ready
             && renderer.samples() >= self.samples_of_techniques()
-            && renderer.size() == self.pace.size(self.window, false)
+            && self.detail == Detail::Full
             && !self.is_tracing()
             && self.is_settled()
     }

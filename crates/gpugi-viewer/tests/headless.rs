@@ -423,7 +423,7 @@ fn a_picture_gets_all_its_pixels_at_rest() {
     session.pace.is_adaptive = true;
     // Two slow frames light fewer pixels, two more have fewer; and one may have been slow in earnest before.
     for _ in 0..5 {
-        session.pace.measure(10.0, 0, Purpose::Moving);
+        session.pace.measure(10.0, 0, 1 << 20, Purpose::Moving);
     }
     session.camera.orbit(glam::Vec2::new(0.1, 0.0));
     let mut sizes = Vec::new();
@@ -441,6 +441,51 @@ fn a_picture_gets_all_its_pixels_at_rest() {
     }
     assert!(sizes[0][0] < SIZE[0] / 4, "{sizes:?}");
     assert_eq!(sizes.last(), Some(&SIZE));
+}
+
+/// Where pixels take long, a picture at rest has few first, then strips with all of them, then samples. Input never waits
+/// for more than a strip, and no frame shows less than the one before.
+#[test]
+fn a_slow_picture_gets_its_pixels_strip_by_strip() {
+    let Some(gpu) = open() else { return };
+    let (mut viewer, _) = shown(&gpu, start("room", &["shadow-map"]), "");
+    let session = viewer.session().unwrap();
+    session.samples = 2;
+    session.pace.is_adaptive = true;
+    session.camera.orbit(glam::Vec2::new(0.1, 0.0));
+    let window = [128, 96];
+    // A third of the pixels takes the time that input may wait.
+    let slow = |points: u32| 0.2 * points as f32 / 4096.0;
+    let mut frames: Vec<([u32; 2], Option<f32>, u32)> = Vec::new();
+    loop {
+        let took = slow(session.loaded().renderer.lit_points());
+        session.frame_after(window, 0.05, took).unwrap();
+        session.gpu().wait().unwrap();
+        let renderer = &session.loaded().renderer;
+        if session.lit_share().is_some() {
+            assert!(renderer.lit_points() <= 4096);
+            assert_eq!(session.picture().unwrap().size, window);
+        }
+        frames.push((renderer.size(), session.lit_share(), renderer.samples()));
+        assert!(frames.len() < 1000, "{frames:?}");
+        if session.is_complete() {
+            break;
+        }
+    }
+    frames.dedup();
+    // Before the first times are known, it has all of them.
+    let few = frames.iter().rposition(|(size, ..)| *size != window);
+    let first = few.unwrap() + 1;
+    let [width, height] = frames[first - 1].0;
+    assert!((3500..=4096).contains(&(width * height)), "{frames:?}");
+    let parts: Vec<f32> = frames[first..].iter().filter_map(|frame| frame.1).collect();
+    assert_eq!(parts, [1.0 / 3.0, 2.0 / 3.0], "{frames:?}");
+    assert_eq!(frames.last().unwrap(), &(window, None, 2));
+    // In motion, it has fewer again, at once.
+    session.camera.orbit(glam::Vec2::new(0.1, 0.0));
+    session.frame_after(window, 0.05, 0.05).unwrap();
+    assert_eq!(session.loaded().renderer.progress(), 0.0);
+    assert_eq!(session.lit_share(), None);
 }
 
 /// At rest, maps that are far from final are made in frames of their own, most of which show no other picture.

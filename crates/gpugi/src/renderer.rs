@@ -34,6 +34,13 @@ pub struct Renderer {
     lighting: Lighting,
     size: [u32; 2],
     strips: Vec<LitStrip>,
+    /// Strips of which the next sample has light.
+    lit: usize,
+    /// Strips that a frame lights which does not wait.
+    at_once: usize,
+    /// Pixels that the last frame lit, and whether it ended with the display.
+    lit_points: u32,
+    is_displayed: bool,
     picture: Picture,
     /// Adds what pixels see, if that is kept.
     features: Option<OfPoints>,
@@ -127,6 +134,10 @@ impl Renderer {
             lighting,
             size,
             strips,
+            lit: 0,
+            at_once: usize::MAX,
+            lit_points: 0,
+            is_displayed: false,
             features: None,
             samples: 0,
             of: 1,
@@ -157,6 +168,37 @@ impl Renderer {
         self.cut(size, u32::MAX)
     }
 
+    /// As [`Renderer::resize`], for live views at rest whose pixels take longer than a frame may: each call of
+    /// [`Renderer::try_render_sample`] lights a strip of rows of no more than `most_points` pixels, if a row has no more.
+    /// While the first sample is on its way, other strips show what the picture showed before, at another size.
+    ///
+    /// # Errors
+    /// As [`Renderer::resize`].
+    pub fn resize_in_strips(
+        &mut self,
+        size: [u32; 2],
+        most_points: u32,
+    ) -> Result<(), LightingError> {
+        self.cut(size, most_points)?;
+        self.at_once = 1;
+        Ok(())
+    }
+
+    /// How much of the next sample is lit (0 to 1), after [`Renderer::resize_in_strips`].
+    pub fn progress(&self) -> f32 {
+        self.lit as f32 / self.strips.len() as f32
+    }
+
+    /// Pixels that the last frame lit.
+    pub fn lit_points(&self) -> u32 {
+        self.lit_points
+    }
+
+    /// Whether the last frame that rendered a sample, or a strip of one, displayed it.
+    pub fn is_displayed(&self) -> bool {
+        self.is_displayed
+    }
+
     /// As [`Renderer::resize`], in strips of no more than `most_points` pixels.
     pub(crate) fn cut(&mut self, size: [u32; 2], most_points: u32) -> Result<(), LightingError> {
         let limits = self.gpu.limits();
@@ -173,6 +215,7 @@ impl Renderer {
         }
         self.picture = self.picture.resized(&self.gpu, size)?;
         self.strips = strips;
+        self.at_once = usize::MAX;
         self.size = size;
         self.restart();
         Ok(())
@@ -366,9 +409,9 @@ impl Renderer {
     /// Forgets the accumulated samples: the same picture begins again, such as with better maps. The picture before it
     /// stays the one before.
     pub fn begin_again(&mut self) {
-        self.is_again |= self.samples > 0;
+        self.is_again |= self.samples > 0 || self.lit > 0;
         self.first_sample = (self.first_sample + self.samples) % LIVE_SAMPLES;
-        self.samples = 0;
+        (self.samples, self.lit) = (0, 0);
     }
 
     /// Lets time pass (s), for effects that change over time, such as exposure that adapts: to be called before each frame,
@@ -494,7 +537,7 @@ impl Renderer {
         let mut timings = Timings::default();
         loop {
             let mut frame = Frame::new(&gpu, timed);
-            let readiness = self.record(&mut frame, camera, of, effects)?;
+            let readiness = self.record(&mut frame, camera, of, effects, usize::MAX)?;
             timings = timings.then(frame.submit()?);
             if readiness.is_usable() {
                 return Ok(timings);
@@ -505,7 +548,7 @@ impl Renderer {
     }
 
     /// As [`Renderer::render_sample`], without ever waiting: while pipelines compile or maps are pending, no sample is
-    /// added.
+    /// added. After [`Renderer::resize_in_strips`], the last strip adds the sample.
     ///
     /// # Errors
     /// [`LightingError::Gpu`].
@@ -521,17 +564,19 @@ impl Renderer {
         }
         let gpu = self.gpu.clone();
         let mut frame = Frame::without_waiting(&gpu, timed);
-        let readiness = self.record(&mut frame, camera, of, effects)?;
+        let readiness = self.record(&mut frame, camera, of, effects, self.at_once)?;
         Ok((readiness, frame.submit()?))
     }
 
-    /// Records the frame: prepare; then, when maps are usable, capture, resolve, gather, effects and display.
+    /// Records the frame: prepare; then, when maps are usable, capture, resolve and gather of no more than `at_once`
+    /// strips, effects and display.
     fn record(
         &mut self,
         frame: &mut Frame<'_>,
         camera: &Camera,
         of: u32,
         effects: Option<&Effects>,
+        at_once: usize,
     ) -> Result<Readiness, LightingError> {
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
@@ -603,11 +648,16 @@ impl Renderer {
             frame.flush();
         }
         let is_noisy = remembers && self.lighting.is_noisy();
-        for strip in &mut self.strips {
+        let first = self.lit;
+        self.lit_points = 0;
+        let end = first.saturating_add(at_once).min(self.strips.len());
+        for strip in &mut self.strips[first..end] {
             strip.expect_noise(frame, is_noisy, self.samples == 0)?;
+            strip.samples = self.samples + 1;
             let lattice = lattice.below(strip.rows.start);
             let view = view.of_rows(&strip.rows).lit_on(lattice);
             strip.receiver.points.lit = lattice.count([view.uniform.width, view.uniform.height]);
+            self.lit_points += strip.receiver.points.lit;
             strip
                 .capture
                 .record(frame, &self.scene, &view, |draw| draw.seen)?;
@@ -618,15 +668,20 @@ impl Renderer {
                 pass.record(frame, &strip.receiver, features)?;
             }
         }
-        if self.samples == 0 && !std::mem::take(&mut self.is_again) {
+        if self.samples == 0 && first == 0 && !std::mem::take(&mut self.is_again) {
             self.picture.advance();
             self.seconds = 0.0;
         }
-        self.samples += 1;
+        let is_complete = end == self.strips.len();
+        let is_first = self.samples == 0;
+        self.lit = if is_complete { 0 } else { end };
+        self.samples += u32::from(is_complete);
         self.of = of;
         self.is_through_lens = sees_through_lens;
         self.shot = Some(Shot::new(&view, camera, self.size, &self.scene));
-        if let Some(effects) = effects {
+        // Parts of later samples are hardly seen.
+        self.is_displayed = effects.is_some() && (is_complete || (is_first && remembers));
+        if let Some(effects) = effects.filter(|_| self.is_displayed) {
             self.show(frame, Shown::Picture, effects)?;
         }
         Ok(readiness)
@@ -644,10 +699,14 @@ impl Renderer {
             return Ok(());
         };
         self.seconds += std::mem::take(&mut self.passed);
-        let strips: Vec<Strip<'_>> = self.strips.iter().map(LitStrip::strip).collect();
+        let lit = match self.samples {
+            0 => &self.strips[..self.lit],
+            _ => &self.strips,
+        };
+        let strips: Vec<Strip<'_>> = lit.iter().map(LitStrip::strip).collect();
         let lit = Lit {
             strips: &strips,
-            samples: self.samples,
+            samples: self.samples.max(1),
             of: self.of,
             is_through_lens: self.is_through_lens,
             shot,
@@ -733,17 +792,17 @@ impl Renderer {
     pub fn begin_radiance(
         &self,
     ) -> Result<impl Future<Output = Result<Vec<f32>, GpuError>> + use<>, GpuError> {
-        let scale = 1.0 / self.samples.max(1) as f32;
         let values = (self.size[0] * self.size[1] * 3) as usize;
         let read = |strip: &LitStrip| {
             let bytes = u64::from(strip.receiver.points.count) * 16;
             begin_read_buffer::<[f32; 4]>(&self.gpu, &strip.receiver.target.radiance, bytes)
         };
-        let sums = self.strips.iter().map(read);
-        let sums = sums.collect::<Result<Vec<_>, _>>()?;
+        let sums = (self.strips.iter()).map(|strip| Ok((strip.samples, read(strip)?)));
+        let sums = sums.collect::<Result<Vec<_>, GpuError>>()?;
         Ok(async move {
             let mut all = Vec::with_capacity(values);
-            for sums in sums {
+            for (samples, sums) in sums {
+                let scale = 1.0 / samples.max(1) as f32;
                 let rgb = |[r, g, b, _]: [f32; 4]| [r, g, b].map(|value| value * scale);
                 all.extend(sums.await?.into_iter().flat_map(rgb));
             }

@@ -1,6 +1,5 @@
-//! Film: the whole picture, filled from the strips in which it is lit. A still picture's holds radiance in 32-bit floats. A
-//! live one's holds it in 16, beside what the pixels see and how it has moved since the picture before, and remembers
-//! that picture ([`Live`]).
+//! Film: the whole picture, filled from the strips in which it is lit. A still picture's holds radiance in 32-bit floats;
+//! live.rs has that of a live one.
 
 use std::ops::Range;
 
@@ -10,7 +9,7 @@ use glam::{Mat4, Vec2, Vec4};
 use gpugi_scene::{Camera, Lens};
 
 use crate::capture::{Receiver, View};
-use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named, join};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
 use crate::scene::{GpuScene, Versions};
 use crate::shader;
 
@@ -21,6 +20,8 @@ pub struct Strip<'a> {
     pub receiver: &'a Receiver,
     /// Its rows in the picture.
     pub rows: Range<u32>,
+    /// Samples that its radiance sums.
+    pub samples: u32,
 }
 
 /// How a picture was seen: through pixel centres, without the jitter of its samples.
@@ -106,19 +107,6 @@ struct StripUniform {
     scale: f32,
 }
 
-/// `Shots` of live.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct ShotsUniform {
-    film_from_world: [[f32; 4]; 4],
-    film_from_world_before: [[f32; 4]; 4],
-    eye_before: [f32; 4],
-    /// 1 / number of samples.
-    scale: f32,
-    has_moved: u32,
-    padding: [u32; 2],
-}
-
 /// A texture of a picture.
 ///
 /// # Errors
@@ -161,7 +149,7 @@ impl Still {
         })
     }
 
-    /// Fills the film with strips of `samples` samples: pass `picture.film`.
+    /// Fills the film with strips: pass `picture.film`.
     ///
     /// # Errors
     /// [`GpuError::Pass`].
@@ -170,7 +158,6 @@ impl Still {
         frame: &mut Frame<'_>,
         strips: &[Strip<'_>],
         width: u32,
-        samples: u32,
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         for strip in strips {
@@ -181,7 +168,7 @@ impl Still {
                     width,
                     first_row: strip.rows.start,
                     pixel_count,
-                    scale: 1.0 / samples.max(1) as f32,
+                    scale: 1.0 / strip.samples.max(1) as f32,
                 },
             )?;
             let resources: [Named<'_>; 3] = [
@@ -191,144 +178,6 @@ impl Still {
             ];
             frame.compute("picture.film", |pass| {
                 self.kernel.run(pass, None, &resources, [pixel_count, 1, 1])
-            })?;
-        }
-        Ok(())
-    }
-}
-
-/// What the pixels of a live picture show and see.
-#[derive(Debug)]
-pub(super) struct Image {
-    /// What effects made of its radiance: rgba16float. Alpha: the frames that it averages.
-    pub radiance: wgpu::TextureView,
-    /// Depth (f32, m), shading normal (octahedral), reflectance (rgb9e5) and instance of each pixel: rgba32uint.
-    pub surfaces: wgpu::TextureView,
-    /// How it was seen; `None` before the first time.
-    pub shot: Option<Shot>,
-}
-
-/// The film of a live picture. Two images take turns: this picture's and the one before, which its history is.
-#[derive(Debug)]
-pub(super) struct Live {
-    kernel: Kernel,
-    /// Mean radiance of this picture: rgba16float.
-    pub radiance: wgpu::TextureView,
-    /// Velocity (pixels since the picture before: x to the right, y down), character of the surface, how far each pixel's triangle reaches from its centre, and the velocity of what it mirrors
-    /// (film.wesl): rgba32uint.
-    pub motion: wgpu::TextureView,
-    images: [Image; 2],
-    /// Which of them is this picture's.
-    current: usize,
-    shots: HostBuffer,
-}
-
-impl Live {
-    pub fn new(gpu: &Gpu, scene: &GpuScene, size: [u32; 2]) -> Result<Self, GpuError> {
-        let kernel = Kernel::new(gpu, &shader!("picture.live"), "main", Some(&scene.layout))?;
-        Self::by(kernel, gpu, size)
-    }
-
-    /// The same for pictures of another size; it compiles nothing.
-    pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
-        Self::by(self.kernel.clone(), gpu, size)
-    }
-
-    fn by(kernel: Kernel, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
-        let half_floats = wgpu::TextureFormat::Rgba16Float;
-        let image = || {
-            Ok::<_, GpuError>(Image {
-                radiance: texture(gpu, "film.history", half_floats, size)?,
-                surfaces: texture(gpu, "film.surfaces", wgpu::TextureFormat::Rgba32Uint, size)?,
-                shot: None,
-            })
-        };
-        Ok(Self {
-            kernel,
-            radiance: texture(gpu, "film", half_floats, size)?,
-            motion: texture(gpu, "film.motion", wgpu::TextureFormat::Rgba32Uint, size)?,
-            images: [image()?, image()?],
-            current: 0,
-            shots: HostBuffer::new(
-                gpu,
-                "shots",
-                size_of::<ShotsUniform>() as u64,
-                wgpu::BufferUsages::UNIFORM,
-            )?,
-        })
-    }
-
-    /// Which of two textures that take turns is this picture's.
-    pub fn turn(&self) -> usize {
-        self.current
-    }
-
-    /// This picture's image.
-    pub fn now(&self) -> &Image {
-        &self.images[self.current]
-    }
-
-    /// The image of the picture before.
-    pub fn before(&self) -> &Image {
-        &self.images[1 - self.current]
-    }
-
-    /// Forgets all pictures.
-    pub fn forget(&mut self) {
-        for image in &mut self.images {
-            image.shot = None;
-        }
-    }
-
-    /// Begins another picture: this one becomes the one before.
-    pub fn advance(&mut self) {
-        self.current = 1 - self.current;
-        self.images[self.current].shot = None;
-    }
-
-    /// Fills the film with strips of `samples` samples of `shot`: pass `picture.film`.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn record(
-        &mut self,
-        frame: &mut Frame<'_>,
-        scene: &GpuScene,
-        strips: &[Strip<'_>],
-        samples: u32,
-        shot: Shot,
-    ) -> Result<(), GpuError> {
-        let gpu = frame.gpu;
-        self.images[self.current].shot = Some(shot);
-        let before = self.before().shot.unwrap_or(shot);
-        let vertices_before = scene.vertices_at(before.versions.geometry);
-        let uniform = ShotsUniform {
-            film_from_world: shot.film_from_world.to_cols_array_2d(),
-            film_from_world_before: before.film_from_world.to_cols_array_2d(),
-            eye_before: before.eye.to_array(),
-            scale: 1.0 / samples.max(1) as f32,
-            has_moved: vertices_before.is_some().into(),
-            padding: [0; 2],
-        };
-        self.shots.write(gpu, &[uniform]);
-        let scene_group = Some(&scene.bind_group);
-        for strip in strips {
-            let rows = strip.rows.end - strip.rows.start;
-            let own: [Named<'_>; 6] = [
-                ("vertices", &scene.vertices),
-                (
-                    "vertices_before",
-                    vertices_before.unwrap_or(&scene.vertices),
-                ),
-                ("shots", &self.shots),
-                ("radiance_mean", &self.radiance),
-                ("surfaces", &self.now().surfaces),
-                ("motion", &self.motion),
-            ];
-            let resources = join(&strip.receiver.resources(), &own);
-            let invocations = [strip.receiver.points.count / rows.max(1), rows, 1];
-            frame.compute("picture.film", |pass| {
-                self.kernel.run(pass, scene_group, &resources, invocations)
             })?;
         }
         Ok(())

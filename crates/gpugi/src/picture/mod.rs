@@ -4,6 +4,7 @@
 mod comparison;
 pub mod effects;
 mod film;
+mod live;
 mod present;
 mod surfaces;
 #[cfg(test)]
@@ -24,8 +25,9 @@ use crate::scene::GpuScene;
 use effects::{
     denoise, depth_of_field, encode, exposure, flare, glow, motion_blur, temporal_antialiasing,
 };
-use film::{Live, Still};
+use film::Still;
 use gpugi_scene::{Camera, Lens, Projection};
+use live::Live;
 
 /// What is shown.
 #[derive(Debug, Clone, Copy)]
@@ -57,9 +59,9 @@ pub struct Picture {
 /// A picture's pixels as they are lit.
 #[derive(Debug, Clone, Copy)]
 pub struct Lit<'a> {
-    /// Its strips, from top to bottom.
+    /// Its strips that have been lit, from top to bottom.
     pub strips: &'a [Strip<'a>],
-    /// Samples that their radiance sums.
+    /// Samples that it has.
     pub samples: u32,
     /// How many it will sum at rest.
     pub of: u32,
@@ -91,19 +93,23 @@ impl Picture {
         })
     }
 
-    /// The same for pictures of another size, without memory of earlier ones but for their exposure; it compiles nothing.
+    /// The same for pictures of another size; it compiles nothing. Live pictures remember what earlier ones showed, and how
+    /// these were exposed; of still ones, the exposure alone.
     ///
     /// # Errors
     /// As [`Picture::new`].
     pub fn resized(&self, gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        let mut frame = Frame::without_waiting(gpu, false);
         let live = self.live.as_ref().map(|(live, blend)| {
-            let live = live.resized(gpu, size)?;
+            let live = live.resized(&mut frame, size)?;
             Ok::<_, GpuError>((live, blend.clone()))
         });
+        let live = live.transpose()?;
+        frame.submit()?;
         Ok(Self {
             size,
             still: None,
-            live: live.transpose()?,
+            live,
             denoise: self.denoise.resized(),
             depth_of_field: self.depth_of_field.resized(),
             motion_blur: self.motion_blur.resized(),
@@ -187,7 +193,7 @@ impl Picture {
         let antialiasing = &effects.temporal_antialiasing;
         let radiance = if antialiasing.is_on() {
             let (film, blend) = live(&mut self.live, gpu, scene, size)?;
-            film.record(frame, scene, lit.strips, lit.samples, lit.shot)?;
+            film.record(frame, scene, lit.strips, lit.shot)?;
             let samples = [lit.samples, lit.of];
             let is_filtered = denoise::is_noisy(lit.strips);
             let lit_film =
@@ -220,7 +226,7 @@ impl Picture {
             }
         } else {
             let film = still(&mut self.still, gpu, size)?;
-            film.record(frame, lit.strips, size[0], lit.samples)?;
+            film.record(frame, lit.strips, size[0])?;
             &film.radiance
         };
         let radiance = &radiance.clone();

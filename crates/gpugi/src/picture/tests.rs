@@ -95,6 +95,7 @@ fn show_samples(
     let strips = [Strip {
         receiver: &receiver,
         rows: 0..height as u32,
+        samples,
     }];
     let mut frame = Frame::new(gpu, false);
     picture
@@ -489,7 +490,11 @@ fn a_picture_in_strips_is_the_picture() {
     let scene = GpuScene::new(&gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
     let [first, second] = [&sums[..36], &sums[36..]].map(|sums| receiver(&gpu, sums));
     let strips = [(&first, 0..3), (&second, 3..7)];
-    let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
+    let strips = strips.map(|(receiver, rows)| Strip {
+        receiver,
+        rows,
+        samples: 1,
+    });
     let mut picture = Picture::new(&gpu, [12, 7]).unwrap();
     let mut frame = Frame::new(&gpu, false);
     picture
@@ -519,6 +524,7 @@ fn a_picture_follows_its_input() {
         let strips = [Strip {
             receiver: &receiver,
             rows: 0..2,
+            samples: 1,
         }];
         let mut frame = Frame::new(&gpu, false);
         picture

@@ -14,6 +14,8 @@ pub(super) struct LitStrip {
     pub rows: Range<u32>,
     pub capture: Capture,
     pub receiver: Receiver,
+    /// Samples that its radiance sums.
+    pub samples: u32,
     /// What its pixels see of surfaces, if that is kept.
     pub features: Option<wgpu::Buffer>,
 }
@@ -42,6 +44,7 @@ impl LitStrip {
         Strip {
             receiver: &self.receiver,
             rows: self.rows.clone(),
+            samples: self.samples,
         }
     }
 }
@@ -73,6 +76,7 @@ pub(super) fn strips(
             let target = Target::of_pixels(gpu, capture.points.count)?;
             Ok(LitStrip {
                 receiver: Receiver::new(&capture.points, &target),
+                samples: 0,
                 features: None,
                 capture,
                 rows,

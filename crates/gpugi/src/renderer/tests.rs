@@ -71,6 +71,120 @@ fn a_picture_lit_in_strips_has_no_seams() {
     assert!(Renderer::pick(&Renderer::new(&gpu, &scene, size, &names).unwrap(), [48, 0]).is_err());
 }
 
+/// A renderer by shadow maps of few lookups.
+fn quick(gpu: &Gpu, scene: &Scene, size: [u32; 2]) -> Renderer {
+    let names = [shadow_map::INFO.name.to_owned()];
+    let mut renderer = Renderer::new(gpu, scene, size, &names).unwrap();
+    renderer.set("shadow-map", "area-samples", "4").unwrap();
+    renderer.set("shadow-map", "resolution", "64").unwrap();
+    renderer
+}
+
+/// Frames light a strip each. In between, sums of two and of three samples are means alike.
+#[test]
+fn strips_that_are_lit_one_per_frame_make_the_same_picture() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = builtin("cornell", 1).unwrap();
+    let camera = &scene.cameras[0];
+    let size = [24, 20];
+    let mut whole = quick(&gpu, &scene, size);
+    whole.cut(size, 24 * 5).unwrap();
+    let mut by_strips = quick(&gpu, &scene, size);
+    by_strips.resize_in_strips(size, 24 * 5).unwrap();
+    for sample in 1..4 {
+        whole.render_sample(camera, 3, None, false).unwrap();
+        let mut progress = Vec::new();
+        while by_strips.samples() < sample {
+            by_strips.try_render_sample(camera, 3, None, false).unwrap();
+            gpu.wait().unwrap();
+            progress.push(by_strips.progress());
+            if sample == 3 && by_strips.progress() == 0.5 {
+                let sum = |values: Vec<f32>| values.iter().sum::<f32>();
+                let (half, all) = (by_strips.radiance().unwrap(), whole.radiance().unwrap());
+                let ratio = sum(half) / sum(all);
+                assert!((ratio - 1.0).abs() < 0.02, "{ratio}");
+            }
+        }
+        progress.drain(..progress.len() - 4);
+        assert_eq!(progress, [0.25, 0.5, 0.75, 0.0], "{sample}");
+        assert!(by_strips.radiance().unwrap() == whole.radiance().unwrap());
+    }
+    // A picture that waits needs not be complete to begin again.
+    by_strips.try_render_sample(camera, 4, None, false).unwrap();
+    by_strips.restart();
+    assert_eq!(by_strips.progress(), 0.0);
+    by_strips.render_sample(camera, 1, None, false).unwrap();
+    assert_eq!((by_strips.samples(), by_strips.progress()), (1, 0.0));
+}
+
+/// Of a larger picture, what is not lit yet shows the small one: the same light, without details.
+#[test]
+fn a_picture_shows_the_last_one_until_its_strips_are_lit() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = builtin("cornell", 1).unwrap();
+    let camera = &scene.cameras[0];
+    let [small, large] = [[16, 16], [64, 64]];
+    let effects = Effects::of_live_view();
+    let mut renderer = quick(&gpu, &scene, small);
+    renderer
+        .render_sample(camera, 8, Some(&effects), false)
+        .unwrap();
+    let before = renderer.live_radiance().unwrap();
+    renderer.resize_in_strips(large, 64 * 16).unwrap();
+    let rows = |picture: &[f32], [width, _]: [u32; 2], rows: [u32; 2]| -> f64 {
+        let [first, end] = rows.map(|row| (row * width * 3) as usize);
+        // But for the lamp.
+        let values = picture[first..end].iter();
+        let sum: f64 = values.map(|&value| f64::from(value.min(0.5))).sum();
+        sum / (end - first) as f64
+    };
+    let mut shown = Vec::new();
+    loop {
+        renderer
+            .try_render_sample(camera, 8, Some(&effects), false)
+            .unwrap();
+        shown.push(renderer.live_radiance().unwrap());
+        if renderer.samples() == 1 {
+            break;
+        }
+    }
+    let mut alone = quick(&gpu, &scene, large);
+    alone
+        .render_sample(camera, 8, Some(&effects), false)
+        .unwrap();
+    let fine = alone.live_radiance().unwrap();
+    assert_eq!(shown.len(), 4);
+    for (lit, shown) in shown.iter().enumerate() {
+        for strip in 0..4 {
+            let found = rows(shown, large, [16 * strip, 16 * strip + 16]);
+            // The last picture counts a little among what is lit: at edges, it differs by its pixels.
+            let (expected, most) = match strip as usize > lit {
+                true => (rows(&before, small, [4 * strip, 4 * strip + 4]), 0.05),
+                false => (rows(&fine, large, [16 * strip, 16 * strip + 16]), 0.15),
+            };
+            let ratio = found / expected;
+            assert!((ratio - 1.0).abs() < most, "{lit} {strip}: {ratio}");
+        }
+    }
+    // At last, it is what it would have been from the start.
+    while renderer.samples() < 8 {
+        renderer
+            .try_render_sample(camera, 8, Some(&effects), false)
+            .unwrap();
+    }
+    for _ in 1..8 {
+        alone
+            .render_sample(camera, 8, Some(&effects), false)
+            .unwrap();
+    }
+    let (found, expected) = (renderer.pixels().unwrap(), alone.pixels().unwrap());
+    let far = found
+        .iter()
+        .zip(&expected)
+        .filter(|(a, b)| a.abs_diff(**b) > 2);
+    assert!(far.count() < 3 * 8);
+}
+
 #[test]
 fn frames_that_never_wait_come_to_the_same_picture() {
     let Some(gpu) = test_gpu() else { return };

@@ -7,7 +7,11 @@ fn compared(gpu: &Gpu, reference: &[[f32; 3]; 8], shown: Compared) -> Vec<[u8; 4
     let scene = GpuScene::new(gpu, &gpugi_scene::Scene::new("nothing")).unwrap();
     let [half, other] = [0, 1].map(|_| receiver(gpu, &[[2.0; 4]; 4]));
     let strips = [(&half, 0..1), (&other, 1..2)];
-    let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
+    let strips = strips.map(|(receiver, rows)| Strip {
+        receiver,
+        rows,
+        samples: 2,
+    });
     let comparison = Comparison::new(gpu, [4, 2]).unwrap();
     comparison.set_reference(gpu, reference.as_flattened());
     let mut picture = Picture::new(gpu, [4, 2]).unwrap();

@@ -49,6 +49,7 @@ impl Seen {
         let strips = [Strip {
             receiver: &receiver,
             rows: 0..SIZE[1],
+            samples: 1,
         }];
         let effects = Effects::of_live_view();
         let mut picture = Picture::new(gpu, SIZE).unwrap();

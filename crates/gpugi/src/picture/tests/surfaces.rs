@@ -45,7 +45,11 @@ fn surface_points_have_the_colours_of_their_quantities() {
         let mut picture = Picture::new(&gpu, [1, 3]).unwrap();
         let mut frame = Frame::new(&gpu, false);
         let strips = [(near, 0..2), (&far, 2..3)];
-        let strips = strips.map(|(receiver, rows)| Strip { receiver, rows });
+        let strips = strips.map(|(receiver, rows)| Strip {
+            receiver,
+            rows,
+            samples: 1,
+        });
         let shown = Shown::Surfaces(&surfaces, quantity);
         picture
             .record(
@@ -86,6 +90,7 @@ fn points_of_a_picture_of_another_size_are_refused() {
     let strips = [Strip {
         receiver: &receiver,
         rows: 0..1,
+        samples: 1,
     }];
     let surfaces = Surfaces::new(&gpu, [2, 1]).unwrap();
     let mut frame = Frame::new(&gpu, false);

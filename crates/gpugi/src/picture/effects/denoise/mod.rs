@@ -8,7 +8,8 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::capture::Target;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
-use crate::picture::film::{Live, Shot, Strip, texture};
+use crate::picture::film::{Shot, Strip, texture};
+use crate::picture::live::Live;
 use crate::scene::{Inputs, Versions};
 use crate::shader;
 
@@ -221,9 +222,14 @@ impl Pass {
         let memory = &textures.memories[film.turn()];
         let last = &textures.memories[1 - film.turn()];
         for strip in strips {
+            let of_strip = FilterUniform {
+                samples: strip.samples.max(1) as f32,
+                ..filter
+            };
+            let of_strip = gpu.constant("denoise", &of_strip)?;
             let own: [Named<'_>; 4] = [
                 ("surfaces", &now.surfaces),
-                ("parameters", &uniform),
+                ("parameters", &of_strip),
                 ("incident", &textures.incident),
                 ("guides", &memory.guides),
             ];

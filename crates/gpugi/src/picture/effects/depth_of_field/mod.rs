@@ -9,7 +9,8 @@ use glam::Vec2;
 use gpugi_scene::Lens;
 
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
-use crate::picture::film::{Live, Shot, texture};
+use crate::picture::film::{Shot, texture};
+use crate::picture::live::Live;
 use crate::sequences::sobol;
 use crate::shader;
 

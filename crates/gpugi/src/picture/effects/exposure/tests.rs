@@ -34,6 +34,7 @@ impl Pictures {
         let strips = [Strip {
             receiver: &receiver,
             rows: 0..2,
+            samples: 1,
         }];
         let lit = Lit {
             seconds,

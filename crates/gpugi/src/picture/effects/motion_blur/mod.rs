@@ -7,7 +7,8 @@ mod tests;
 use bytemuck::{Pod, Zeroable};
 
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
-use crate::picture::film::{Live, texture};
+use crate::picture::film::texture;
+use crate::picture::live::Live;
 use crate::shader;
 
 crate::settings! {

@@ -7,7 +7,7 @@ mod tests;
 use bytemuck::{Pod, Zeroable};
 
 use crate::gpu::{Frame, Gpu, GpuError, HostBuffer, Kernel, Named};
-use crate::picture::film::Live;
+use crate::picture::live::Live;
 use crate::shader;
 
 /// Frames that live views average.

@@ -99,13 +99,7 @@ fn compressed_vectors_are_saved() {
     let bytes = solver.transfer.save(&gpu).unwrap().unwrap();
     assert!(saved(&solver).transfer.vectors.is_empty());
     let all = [&COMPRESSED[..], &settings].concat();
-    let begun = |settings: &[(&str, &str)]| {
-        let mut solver = Solver::new(&gpu, &scene, settings);
-        while solver.transfer.texels.get().is_none() {
-            solver.frame();
-        }
-        solver
-    };
+    let begun = |settings: &[(&str, &str)]| Solver::new(&gpu, &scene, settings).with_atlas();
     let mut rest = begun(&all);
     assert_eq!(rest.transfer.resume(&gpu, &bytes), Ok(true));
     assert!(rest.frame().progress >= 1.0);

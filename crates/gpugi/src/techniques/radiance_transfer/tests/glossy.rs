@@ -100,17 +100,14 @@ fn matrices_are_saved_and_resumed() {
     let whole = begun().solve();
     let matrices = whole.matrices();
     assert!(matrices[0].iter().any(|&word| word != 0));
-    let mut first = begun();
+    let mut first = begun().with_atlas();
     // The tiles of vectors are done before those of matrices.
     let steps = 8 + whole.glossy().steps();
     assert!(steps > 9, "{steps}");
     for stop in [5, 8, 9] {
         while first.frame().progress < (stop as f32 - 0.5) / steps as f32 {}
         let saved = first.transfer.save(&gpu).unwrap().unwrap();
-        let mut rest = begun();
-        while rest.transfer.texels.get().is_none() {
-            rest.frame();
-        }
+        let mut rest = begun().with_atlas();
         assert_eq!(rest.transfer.resume(&gpu, &saved), Ok(true));
         let rest = rest.solve();
         assert!(rest.matrices() == matrices, "from {stop} steps on");
@@ -120,9 +117,7 @@ fn matrices_are_saved_and_resumed() {
     let mut other = begun();
     other.transfer.settings_mut().set("glossy", "").unwrap();
     other.transfer.plan(&other.scene, &[], &[]);
-    while other.transfer.texels.get().is_none() {
-        other.frame();
-    }
+    let mut other = other.with_atlas();
     let refused = other.transfer.resume(&gpu, &saved).unwrap_err();
     assert!(refused.to_string().contains("other matrices"), "{refused}");
 }

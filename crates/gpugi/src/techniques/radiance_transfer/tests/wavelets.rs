@@ -192,19 +192,13 @@ fn terms_are_the_same_bits_however_they_are_made() {
     }
     assert!(points > 20, "{points}");
     let step_by_step = [&settings[..], &[("steps", "1")]].concat();
-    let mut first = Solver::new(&gpu, &scene, &step_by_step);
-    let mut rest = Solver::new(&gpu, &scene, &step_by_step);
+    let mut first = Solver::new(&gpu, &scene, &step_by_step).with_atlas();
+    let mut rest = Solver::new(&gpu, &scene, &step_by_step).with_atlas();
     while first.frame().progress < 0.6 {}
     let saved = first.transfer.save(&gpu).unwrap().unwrap();
-    while rest.transfer.texels.get().is_none() {
-        rest.frame();
-    }
     assert_eq!(rest.transfer.resume(&gpu, &saved), Ok(true));
     assert!(rest.solve().vectors() == whole.vectors());
     let others = [&step_by_step[..], &[("coefficients", "21")]].concat();
-    let mut other = Solver::new(&gpu, &scene, &others);
-    while other.transfer.texels.get().is_none() {
-        other.frame();
-    }
+    let mut other = Solver::new(&gpu, &scene, &others).with_atlas();
     assert!(other.transfer.resume(&gpu, &saved).is_err());
 }
