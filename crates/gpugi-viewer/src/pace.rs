@@ -212,8 +212,7 @@ impl PixelTime {
 
     /// Seconds, once it is known.
     fn seconds(&self) -> Option<f32> {
-        let [a, b] = self.last_two;
-        Some(a?.min(b?))
+        self.last_two.into_iter().flatten().reduce(f32::min)
     }
 }
 

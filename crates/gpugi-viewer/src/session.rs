@@ -642,6 +642,11 @@ impl Session {
         let full = self.pace.size(window, Detail::Full);
         let is_slow =
             !self.loaded.set.is_path_tracer() && self.pace.size(window, Detail::Coarse) != full;
+        // A whole picture may be slower than those were by which its pixels were chosen.
+        let points = self.pace.points_at_rest();
+        let is_too_slow = self.pixels.1 == u32::MAX
+            && renderer.samples() <= 1
+            && points < renderer.lit_points() / 2;
         let before = self.detail;
         self.detail = match before {
             _ if is_moving => Detail::Moving,
@@ -655,8 +660,8 @@ impl Session {
             // Their times would change the choice from frame to frame.
             Detail::Coarse if is_chosen => self.pixels,
             Detail::Coarse => (self.pace.size(window, Detail::Coarse), u32::MAX),
-            Detail::Full if is_chosen && self.pixels.0 == full => self.pixels,
-            Detail::Full if is_slow => (full, self.pace.points_at_rest()),
+            Detail::Full if is_chosen && self.pixels.0 == full && !is_too_slow => self.pixels,
+            Detail::Full if is_slow => (full, points),
             Detail::Full => (full, u32::MAX),
         };
         std::mem::replace(&mut self.pixels, pixels) != pixels

@@ -69,6 +69,9 @@ pub struct Renderer {
 /// Live pictures of one sample each repeat after so many: more than effects average.
 const LIVE_SAMPLES: u32 = 64;
 
+/// How often a first sample is displayed while its strips are lit.
+const PARTS_SHOWN: usize = 8;
+
 /// While pipelines compile.
 const COMPILING: Readiness = Readiness::Pending {
     progress: 0.0,
@@ -679,8 +682,10 @@ impl Renderer {
         self.of = of;
         self.is_through_lens = sees_through_lens;
         self.shot = Some(Shot::new(&view, camera, self.size, &self.scene));
-        // Parts of later samples are hardly seen.
-        self.is_displayed = effects.is_some() && (is_complete || (is_first && remembers));
+        // Parts of later samples are hardly seen, and display takes as long as some strips.
+        let shown_part = |strips: usize| strips * PARTS_SHOWN / self.strips.len();
+        let is_seen = is_first && remembers && shown_part(end) > shown_part(first);
+        self.is_displayed = effects.is_some() && (is_complete || is_seen);
         if let Some(effects) = effects.filter(|_| self.is_displayed) {
             self.show(frame, Shown::Picture, effects)?;
         }
