@@ -1,12 +1,14 @@
 //! `gpugi measure`.
 
+mod equal_time;
+
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use gpugi::gpu::Gpu;
 use gpugi::measure::{
-    Cache, Live, MeasureError, Measured, Memory, Options, PassTime, Quality, TracedPart, measure,
-    measure_live,
+    Cache, Live, MeasureError, Measured, Memory, Options, PassTime, Quality, Subject, TracedPart,
+    measure, measure_live, trace_orbit,
 };
 use gpugi::picture::{self, Effects};
 use gpugi::{Motion, Purpose, Renderer};
@@ -35,6 +37,28 @@ pub struct Arguments {
     /// Measure live frames instead, in orbit and at rest after it, against all light
     #[arg(long, conflicts_with_all = ["all_light", "diff"])]
     live: bool,
+    /// Measure instead what each of several sets shows when so many milliseconds have passed, against all light: still
+    /// pictures, and frames in motion (docs/equal-time.md)
+    #[arg(
+        long, value_name = "MS,...", value_delimiter = ',',
+        conflicts_with_all = ["live", "all_light", "diff", "side_by_side", "technique", "samples"]
+    )]
+    equal_time: Vec<f64>,
+    /// Sets for --equal-time, separated by semicolons: "default", "path-tracer", or techniques and their settings,
+    /// separated by commas [default: default;path-tracing;path-tracer]
+    #[arg(
+        long,
+        value_name = "SET;...",
+        value_delimiter = ';',
+        requires = "equal_time"
+    )]
+    techniques: Vec<String>,
+    /// Which of the two to measure (default: both)
+    #[arg(long, value_name = "KIND", requires = "equal_time")]
+    pictures: Option<equal_time::Pictures>,
+    /// Write the chart of --equal-time
+    #[arg(long, value_name = "FILE.svg", requires = "equal_time")]
+    svg: Option<PathBuf>,
     /// A technique's setting (repeatable)
     #[arg(long, value_name = "technique.key=value")]
     set: Vec<String>,
@@ -105,10 +129,15 @@ struct Reference<'a> {
 /// Measures, prints and writes the requested files.
 pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     crate::output::check_folders(
-        [&arguments.json, &arguments.diff, &arguments.side_by_side]
-            .into_iter()
-            .flatten()
-            .map(PathBuf::as_path),
+        [
+            &arguments.json,
+            &arguments.diff,
+            &arguments.side_by_side,
+            &arguments.svg,
+        ]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path),
     )?;
     for (option, path) in [
         ("--diff", &arguments.diff),
@@ -146,24 +175,18 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         ))
         .into());
     }
+    let compares_times = !arguments.equal_time.is_empty();
     // Effects of live frames, and the techniques' settings.
-    let (effects, settings) = match arguments.live {
+    let (effects, settings) = match arguments.live || compares_times {
         true => with_settings(Effects::of_live_view(), &arguments.set)?,
         false => (Effects::default(), arguments.set.clone()),
     };
-    let mut chosen = Chosen::new(
-        &gpu,
-        &scene,
+    let subject = Subject {
+        scene: &scene,
+        camera: &camera,
         size,
-        match arguments.live {
-            true => Purpose::LiveView,
-            false => Purpose::StillPicture,
-        },
-        &arguments.technique,
-        &settings,
-    )?;
+    };
     interrupt::catch();
-
     let mut shown = (String::new(), Progress::new(common.quiet));
     let mut report = |progress: &gpugi::measure::Progress| {
         if shown.0 != progress.stage {
@@ -178,10 +201,46 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             ControlFlow::Continue(())
         }
     };
+    if compares_times {
+        if let Some(setting) = settings.first() {
+            let message =
+                format!("--set {setting}: settings of techniques belong in --techniques here");
+            return Err(Usage(message).into());
+        }
+        let comparison = equal_time::Comparison::new(
+            &gpu,
+            (&arguments.scene.scene, subject),
+            (&effects, &options),
+            (&arguments.equal_time, &arguments.techniques),
+            arguments.pictures,
+        )?;
+        let files = [arguments.json.as_deref(), arguments.svg.as_deref()];
+        let compared = comparison.run(&mut report)?;
+        shown.1.finish();
+        notes.extend(compared.notes.iter().cloned());
+        print_notes(common, &notes);
+        if !common.quiet {
+            comparison.print(&compared);
+        }
+        return comparison.write(&compared, files);
+    }
+    let mut chosen = Chosen::new(
+        &gpu,
+        &scene,
+        size,
+        match arguments.live {
+            true => Purpose::LiveView,
+            false => Purpose::StillPicture,
+        },
+        &arguments.technique,
+        &settings,
+    )?;
     if arguments.live {
         let renderer = &mut chosen.renderer;
-        let subject = (&scene, &camera);
-        let live = measure_live(&gpu, subject, renderer, &effects, &options, &mut report)?;
+        let classes = renderer.light_classes();
+        let truth = trace_orbit(&gpu, &subject, &classes, &options, &mut report)?;
+        let seen = (&scene, &camera);
+        let live = measure_live(seen, renderer, &effects, &truth, &options, &mut report)?;
         shown.1.finish();
         print_notes(common, &notes);
         if !common.quiet {

@@ -135,8 +135,8 @@ impl Pace {
             Purpose::Moving => {
                 if !follow(&mut self.units_in_motion, seconds / due, work) {
                     self.in_motion.measure(seconds / due);
+                    self.at_rest.measure(seconds, points);
                 }
-                self.at_rest.measure(seconds, points);
             }
             Purpose::Still => self.at_rest.measure(seconds, points),
             Purpose::Maps => {

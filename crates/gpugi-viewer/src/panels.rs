@@ -155,7 +155,7 @@ pub fn picture(
             ui.horizontal(|ui| {
                 ui.checkbox(&mut pace.is_adaptive, "fewer, for")
                     .on_hover_text(
-                        "As few pixels as the rate takes in motion, and as a responsive window takes at rest",
+                        "In motion, as few pixels as the rate takes. At rest all of them, over several frames if they take long",
                     );
                 ui.add(
                     DragValue::new(&mut pace.target_rate)

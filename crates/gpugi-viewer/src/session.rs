@@ -166,6 +166,8 @@ pub struct Session {
     /// What balls are made of.
     pub finish: Finish,
     game: Option<Game>,
+    /// Clicks at pixels that are not lit yet.
+    asked: Vec<(Pick, [f32; 2])>,
     picks: Vec<(Pick, ReadBack<Option<VisiblePoint>>)>,
     /// What is seen in the middle of the picture, for the camera to orbit around.
     middle: Option<ReadBack<Option<VisiblePoint>>>,
@@ -229,6 +231,7 @@ impl Session {
             intent: Intent::default(),
             finish: Finish::default(),
             game: None,
+            asked: Vec::new(),
             picks: Vec::new(),
             middle: None,
             loaded,
@@ -296,6 +299,7 @@ impl Session {
         // The next one has the shaders of today.
         self.truth = None;
         self.pass_times.clear();
+        self.asked.clear();
         self.picks.clear();
         self.middle = None;
     }
@@ -410,14 +414,24 @@ impl Session {
 
     /// Asks what is seen at a place of the picture (0 to 1 from the top left); [`Session::picked`] answers later.
     pub fn pick(&mut self, purpose: Pick, place: [f32; 2]) {
-        if let Some(point) = point_at(&self.loaded.renderer, place) {
-            self.picks.push((purpose, point));
-        }
+        self.asked.push((purpose, place));
+        self.pick_lit();
+    }
+
+    /// Asks the GPU for what was asked of pixels that are lit by now.
+    fn pick_lit(&mut self) {
+        let renderer = &self.loaded.renderer;
+        self.asked.retain(|(purpose, place)| {
+            let point = point_at(renderer, *place);
+            let is_waiting = point.is_none();
+            self.picks.extend(point.map(|point| (*purpose, point)));
+            is_waiting
+        });
     }
 
     /// Whether it is yet to be told what a place of the picture shows.
     pub fn is_picking(&self) -> bool {
-        !self.picks.is_empty() || self.middle.is_some()
+        !self.picks.is_empty() || !self.asked.is_empty() || self.middle.is_some()
     }
 
     /// What was picked, as far as it is known by now. The camera learns what it orbits around.
@@ -499,7 +513,9 @@ impl Session {
             }
             self.unchanged = f32::INFINITY;
         }
-        if is_moving || self.readiness != Readiness::Ready {
+        // Strips of a sample belong together, also while maps become better.
+        let is_refined = self.readiness != Readiness::Ready && renderer.progress() == 0.0;
+        if is_moving || is_refined {
             restart(renderer, self.is_held);
         }
         self.pass_times.update();
@@ -571,7 +587,8 @@ impl Session {
             let to_show = &effects;
             let effects = is_plain.then_some(&effects);
             let camera = self.camera.camera();
-            let is_alone = is_moving || self.readiness != Readiness::Ready;
+            let is_refining = self.readiness != Readiness::Ready && most_points == u32::MAX;
+            let is_alone = is_moving || is_refining || self.detail == Detail::Coarse;
             let of = if is_alone { 1 } else { wanted };
             let (readiness, timings) =
                 renderer.try_render_sample(&camera, of, effects, is_timed)?;
@@ -605,7 +622,7 @@ impl Session {
                 renderer.display(Source::Picture, &effects)?;
             }
         } else {
-            let is_read = self.picks.is_empty() && self.middle.is_none();
+            let is_read = self.picks.is_empty() && self.asked.is_empty() && self.middle.is_none();
             shown.is_final = is_read && !is_tracing && !is_moving_still;
         }
         // A frame's time says nothing about its own work while something else takes a part of it.
@@ -628,6 +645,7 @@ impl Session {
             self.displayed = to_display;
             self.show()?;
         }
+        self.pick_lit();
         Ok(shown)
     }
 
@@ -642,16 +660,17 @@ impl Session {
         let full = self.pace.size(window, Detail::Full);
         let is_slow =
             !self.loaded.set.is_path_tracer() && self.pace.size(window, Detail::Coarse) != full;
+        let is_whole = self.pixels.1 == u32::MAX;
+        let is_ready = self.readiness == Readiness::Ready;
         // A whole picture may be slower than those were by which its pixels were chosen.
         let points = self.pace.points_at_rest();
-        let is_too_slow = self.pixels.1 == u32::MAX
-            && renderer.samples() <= 1
-            && points < renderer.lit_points() / 2;
+        let is_too_slow = is_whole && renderer.samples() <= 2 && points < renderer.lit_points() / 2;
         let before = self.detail;
         self.detail = match before {
             _ if is_moving => Detail::Moving,
             Detail::Moving if is_slow => Detail::Coarse,
-            Detail::Coarse if !is_seen => Detail::Coarse,
+            Detail::Coarse if is_slow && (!is_seen || self.is_disturbed) => Detail::Coarse,
+            Detail::Full if is_slow && is_too_slow && !is_ready => Detail::Coarse,
             _ => Detail::Full,
         };
         let is_chosen = self.detail == before && !has_new_window;
@@ -660,7 +679,14 @@ impl Session {
             // Their times would change the choice from frame to frame.
             Detail::Coarse if is_chosen => self.pixels,
             Detail::Coarse => (self.pace.size(window, Detail::Coarse), u32::MAX),
-            Detail::Full if is_chosen && self.pixels.0 == full && !is_too_slow => self.pixels,
+            Detail::Full
+                if is_chosen
+                    && self.pixels.0 == full
+                    && !is_too_slow
+                    && (self.pace.is_adaptive || is_whole) =>
+            {
+                self.pixels
+            }
             Detail::Full if is_slow => (full, points),
             Detail::Full => (full, u32::MAX),
         };
@@ -685,7 +711,8 @@ impl Session {
         let renderer = &self.loaded.renderer;
         self.readiness == Readiness::Ready
             && renderer.samples() >= self.samples_of_techniques()
-            && self.detail == Detail::Full
+            && renderer.size() == self.pace.size(self.window, Detail::Full)
+            && (self.detail == Detail::Full || self.pixels.1 == u32::MAX)
             && !self.is_tracing()
             && self.is_settled()
     }
@@ -732,13 +759,14 @@ fn restart(renderer: &mut Renderer, is_held: bool) {
 
 /// What is seen at a place of the picture (0 to 1 from the top left), when it is known.
 fn point_at(renderer: &Renderer, place: [f32; 2]) -> Option<ReadBack<Option<VisiblePoint>>> {
-    if renderer.samples() == 0 {
-        return None;
-    }
     let size = renderer.size();
+    let lit_rows = match renderer.samples() {
+        0 => (renderer.progress() * size[1] as f32) as u32,
+        _ => size[1],
+    };
     let pixel = [0, 1].map(|axis| {
         let at = (place[axis].clamp(0.0, 1.0) * size[axis] as f32) as u32;
         at.min(size[axis] - 1)
     });
-    renderer.pick(pixel).ok()
+    (pixel[1] < lit_rows).then(|| renderer.pick(pixel).ok())?
 }

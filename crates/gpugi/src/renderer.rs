@@ -34,9 +34,9 @@ pub struct Renderer {
     lighting: Lighting,
     size: [u32; 2],
     strips: Vec<LitStrip>,
-    /// Strips of which the next sample has light.
+    /// Strips of the next sample that are lit.
     lit: usize,
-    /// Strips that a frame lights which does not wait.
+    /// Strips that one call of [`Renderer::try_render_sample`] lights.
     at_once: usize,
     /// Pixels that the last frame lit, and whether it ended with the display.
     lit_points: u32,
@@ -69,7 +69,7 @@ pub struct Renderer {
 /// Live pictures of one sample each repeat after so many: more than effects average.
 const LIVE_SAMPLES: u32 = 64;
 
-/// How often a first sample is displayed while its strips are lit.
+/// How often a first sample is displayed while its strips are lit, beside the first strip.
 const PARTS_SHOWN: usize = 8;
 
 /// While pipelines compile.
@@ -163,7 +163,7 @@ impl Renderer {
         self.gpu.is_compiling()
     }
 
-    /// Changes the size of the picture (pixels); accumulation restarts, maps stay.
+    /// Changes the size of the picture (pixels); accumulation restarts, maps stay, and so does what live pictures remember.
     ///
     /// # Errors
     /// [`LightingError::Gpu`]; the renderer keeps its size then.
@@ -172,7 +172,7 @@ impl Renderer {
     }
 
     /// As [`Renderer::resize`], for live views at rest whose pixels take longer than a frame may: each call of
-    /// [`Renderer::try_render_sample`] lights a strip of rows of no more than `most_points` pixels, if a row has no more.
+    /// [`Renderer::try_render_sample`] lights a strip of rows of no more than `most_points` pixels, but at least one row.
     /// While the first sample is on its way, other strips show what the picture showed before, at another size.
     ///
     /// # Errors
@@ -581,6 +581,7 @@ impl Renderer {
         effects: Option<&Effects>,
         at_once: usize,
     ) -> Result<Readiness, LightingError> {
+        (self.lit_points, self.is_displayed) = (0, false);
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
             let of_light = (camera, self.lighting.is_noisy());
@@ -652,7 +653,6 @@ impl Renderer {
         }
         let is_noisy = remembers && self.lighting.is_noisy();
         let first = self.lit;
-        self.lit_points = 0;
         let end = first.saturating_add(at_once).min(self.strips.len());
         for strip in &mut self.strips[first..end] {
             strip.expect_noise(frame, is_noisy, self.samples == 0)?;
@@ -684,7 +684,8 @@ impl Renderer {
         self.shot = Some(Shot::new(&view, camera, self.size, &self.scene));
         // Parts of later samples are hardly seen, and display takes as long as some strips.
         let shown_part = |strips: usize| strips * PARTS_SHOWN / self.strips.len();
-        let is_seen = is_first && remembers && shown_part(end) > shown_part(first);
+        let is_part_seen = first == 0 || shown_part(end) > shown_part(first);
+        let is_seen = is_first && remembers && is_part_seen;
         self.is_displayed = effects.is_some() && (is_complete || is_seen);
         if let Some(effects) = effects.filter(|_| self.is_displayed) {
             self.show(frame, Shown::Picture, effects)?;

@@ -218,3 +218,97 @@ fn live_frames_are_measured_in_motion() {
     let refused = gpugi(&["measure", "cornell", "--live", "--all-light"]);
     assert_eq!(refused.status.code(), Some(2));
 }
+
+/// Tables, JSON and chart hold the same; what is not in time is left out. How much is in time depends on the machine.
+#[test]
+fn sets_are_compared_at_equal_time() {
+    if skip_gpu() {
+        return;
+    }
+    let folder = folder("measure-equal-time");
+    let path = |name: &str| folder.join(name).display().to_string();
+    let [json, svg] = ["times.json", "times.svg"].map(path);
+    let mut arguments = vec!["measure", "cornell", "--size", "24x20", "--no-cache"];
+    arguments.extend(["--reference-samples", "16", "--equal-time", "400,0.001,200"]);
+    arguments.extend([
+        "--techniques",
+        "shadow-map,shadow-map.area-samples=4;path-tracer",
+    ]);
+    arguments.extend(["--json", &json, "--svg", &svg]);
+    let measured = gpugi(&arguments);
+    assert!(measured.status.success(), "{}", text(&measured.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    assert_eq!(
+        report["budgets_ms"],
+        serde_json::json!([0.001, 200.0, 400.0])
+    );
+    let sets = |kind: &str| -> Vec<String> {
+        let rows = report[kind].as_array().unwrap().iter();
+        rows.map(|row| row["set"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    let set = "shadow-map,shadow-map.area-samples=4";
+    assert_eq!(sets("still"), [set, "path-tracer", "path-tracer, denoised"]);
+    assert_eq!(sets("live"), [set]);
+    let printed = text(&measured.stdout);
+    for kind in ["still", "live"] {
+        for row in report[kind].as_array().unwrap() {
+            let points = row["points"].as_array().unwrap();
+            for point in points {
+                let [budget, took] =
+                    ["budget", "milliseconds"].map(|name| point[name].as_f64().unwrap());
+                // Live frames may take a tenth longer.
+                assert!(budget > 0.1 && took <= 1.1 * budget, "{point}");
+            }
+            let set = row["set"].as_str().unwrap();
+            let cells = |line: &&str| {
+                line.split(" | ")
+                    .skip(1)
+                    .filter(|cell| *cell != "-")
+                    .count()
+            };
+            let mut lines = printed.lines().filter(|line| {
+                line.strip_prefix("| ")
+                    .is_some_and(|line| line.starts_with(&format!("{set} |")))
+            });
+            let line = if kind == "live" {
+                lines.next_back()
+            } else {
+                lines.next()
+            };
+            let line = line.unwrap().trim_end_matches(" |");
+            assert_eq!(cells(&line), points.len(), "{printed}");
+        }
+    }
+    let chart = std::fs::read_to_string(&svg).unwrap();
+    for part in [
+        "<svg",
+        "path-tracer, denoised",
+        "frame in motion",
+        "HDR-FLIP",
+        "</svg>",
+    ] {
+        assert!(chart.contains(part), "{part:?}");
+    }
+    for (options, reason) in [
+        (&["--equal-time", "0"][..], "above 0"),
+        (
+            &["--equal-time", "5", "--techniques", ","],
+            "sets are separated by semicolons",
+        ),
+        (
+            &["--equal-time", "5", "--set", "shadow-map.taps=4"],
+            "belong in --techniques",
+        ),
+        (&["--techniques", "default"], "--equal-time"),
+        (
+            &["--equal-time", "5", "--samples", "4"],
+            "cannot be used with",
+        ),
+    ] {
+        let refused = gpugi(&[&["measure", "cornell"], options].concat());
+        let message = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(2), "{message}");
+        assert!(message.contains(reason), "{message}");
+    }
+}

@@ -97,6 +97,11 @@ impl Session {
     /// # Errors
     /// [`LightingError`].
     pub fn begin_radiance(&self) -> Result<Radiance, LightingError> {
+        if self.lit_share().is_some() {
+            return Err(LightingError::Gpu(GpuError::Input {
+                what: "not all pixels are lit yet".into(),
+            }));
+        }
         if !self.loaded.set.is_path_tracer() {
             return Ok(Box::pin(self.loaded.renderer.begin_radiance()?));
         }

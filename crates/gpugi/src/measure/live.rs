@@ -1,12 +1,14 @@
 //! Live frames in motion, and at rest after it, against all light.
 
 use glam::{Mat4, Quat};
-use gpugi_scene::image::metrics::{Metric, Picture, compare};
+use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Scene};
 
-use super::{MeasureError, Options, PassTime, Progress, Report, Subject, collect, medians, trace};
+use super::{
+    MeasureError, Options, PassTime, Progress, Report, Subject, collect, error, medians, trace,
+};
 use crate::gpu::Gpu;
-use crate::light_paths::all_light;
+use crate::light_paths::{LightClass, all_light};
 use crate::lighting::Readiness;
 use crate::picture::Effects;
 use crate::renderer::Renderer;
@@ -44,16 +46,67 @@ pub struct Live {
     pub last: [Vec<f32>; 2],
 }
 
+/// The path tracer's pictures of the frames of an orbit that are compared, with all light.
+#[derive(Debug, Clone)]
+pub struct OrbitTruth {
+    /// Width and height (pixels).
+    pub size: [u32; 2],
+    /// Linear radiance, three floats per pixel, in rows from top to bottom.
+    radiance: [Vec<f32>; COMPARED.len()],
+    /// Estimated rel-mse: the largest.
+    pub rel_mse: f64,
+    /// As [`Truth::notes`](super::Truth::notes).
+    pub notes: Vec<String>,
+}
+
+/// Traces the references of [`measure_live`] for the view of a subject, by the quality of `options`. `classes`: those that the
+/// scene has.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn trace_orbit(
+    gpu: &Gpu,
+    subject: &Subject<'_>,
+    classes: &[LightClass],
+    options: &Options,
+    report: Report<'_>,
+) -> Result<OrbitTruth, MeasureError> {
+    let Subject {
+        scene,
+        camera,
+        size,
+    } = *subject;
+    let parts = [all_light(classes)];
+    let mut truth = OrbitTruth {
+        size,
+        radiance: [const { Vec::new() }; COMPARED.len()],
+        rel_mse: 0.0,
+        notes: Vec::new(),
+    };
+    for (radiance, frame) in truth.radiance.iter_mut().zip(COMPARED) {
+        let subject = Subject {
+            scene,
+            camera: &orbit(scene, camera, frame),
+            size,
+        };
+        let traced = trace(gpu, &subject, &parts, options, report)?;
+        truth.rel_mse = truth.rel_mse.max(traced.rel_mse());
+        *radiance = traced.radiance;
+        truth.notes.extend(traced.notes);
+    }
+    Ok(truth)
+}
+
 /// Measures live frames of `renderer` with `effects`, such as those of a live view. It renders `scene`, as seen by `camera` in
-/// orbit about the middle of its bounds.
+/// orbit about the middle of its bounds. Frames of another size than `truth`'s are enlarged, as a viewer enlarges them.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn measure_live(
-    gpu: &Gpu,
     (scene, camera): (&Scene, &Camera),
     renderer: &mut Renderer,
     effects: &Effects,
+    truth: &OrbitTruth,
     options: &Options,
     report: Report<'_>,
 ) -> Result<Live, MeasureError> {
@@ -65,30 +118,20 @@ pub fn measure_live(
                     .into(),
         });
     }
-    let size = renderer.size();
-    let parts = [all_light(&renderer.light_classes())];
-    let truth = |camera: &Camera, report: Report<'_>| {
-        let subject = Subject {
-            scene,
-            camera,
-            size,
-        };
-        trace(gpu, &subject, &parts, options, report)
-    };
+    let (size, of) = (truth.size, renderer.size());
+    let shown_by =
+        |renderer: &Renderer| Ok::<_, MeasureError>(enlarged(of, &renderer.live_radiance()?, size));
+    let flip =
+        |shown: &[f32], truth: &[f32]| error(Metric::Flip, ("the live view", shown), truth, size);
     let effects = &effects.clone().without_dither();
     let mut times = Vec::new();
     let mut whole = Vec::new();
     let mut errors = Vec::new();
-    let mut last = [Vec::new(), Vec::new()];
-    let mut noise = 0.0_f64;
+    let mut last = Vec::new();
     renderer.set_seed(options.seed);
     // Maps that are made once are no part of a frame.
     let readiness = renderer.converge(&orbit(scene, camera, 0), false, |readiness, _| {
-        report(&Progress {
-            stage: "maps".to_owned(),
-            fraction: f64::from(readiness.progress()),
-            state: format!("{:.0} %", readiness.progress() * 100.0),
-        })
+        report(&Progress::of_maps(readiness))
     })?;
     if readiness != Readiness::Ready {
         return Err(MeasureError::Interrupted);
@@ -103,12 +146,10 @@ pub fn measure_live(
             whole.push(passes.iter().map(|pass| pass.milliseconds).sum::<f64>());
             collect(&mut times, passes);
         }
-        if COMPARED.contains(&frame) {
-            let shown = renderer.live_radiance()?;
-            let truth = truth(&seen, report)?;
-            noise = noise.max(truth.rel_mse());
-            errors.push(flip(size, &shown, &truth.radiance)?);
-            last = [shown, truth.radiance];
+        let compared = COMPARED.iter().position(|&compared| compared == frame);
+        if let Some(compared) = compared {
+            last = shown_by(renderer)?;
+            errors.push(flip(&last, &truth.radiance[compared])?);
         }
         let progress = Progress {
             stage: "frames".to_owned(),
@@ -131,7 +172,8 @@ pub fn measure_live(
         renderer.render_sample(&seen, REST_SAMPLES, Some(effects), false)?;
     }
     // The orbit ended where the camera stands.
-    let still = flip(size, &renderer.live_radiance()?, &last[1])?;
+    let truth_of_last = &truth.radiance[COMPARED.len() - 1];
+    let still = flip(&shown_by(renderer)?, truth_of_last)?;
     whole.sort_by(f64::total_cmp);
     let passes = medians(times);
     Ok(Live {
@@ -140,10 +182,36 @@ pub fn measure_live(
         moving: errors.iter().sum::<f64>() / errors.len() as f64,
         still,
         flicker: difference(&pixels),
-        brightness: brightness(size, [&last[0], &last[1]]),
-        reference_rel_mse: noise,
-        last,
+        brightness: brightness(size, [&last, truth_of_last]),
+        reference_rel_mse: truth.rel_mse,
+        last: [last, truth_of_last.clone()],
     })
+}
+
+/// A picture of `of` pixels with `size` pixels, linear between their centres.
+fn enlarged(of: [u32; 2], picture: &[f32], size: [u32; 2]) -> Vec<f32> {
+    if of == size {
+        return picture.to_vec();
+    }
+    let place = |at: u32, axis: usize| {
+        let place = (at as f32 + 0.5) * of[axis] as f32 / size[axis] as f32 - 0.5;
+        let place = place.clamp(0.0, (of[axis] - 1) as f32);
+        let first = place as usize;
+        (first, (first + 1).min(of[axis] as usize - 1), place.fract())
+    };
+    let mut all = Vec::with_capacity(size[0] as usize * size[1] as usize * 3);
+    for y in 0..size[1] {
+        let (top, bottom, down) = place(y, 1);
+        for x in 0..size[0] {
+            let (left, right, across) = place(x, 0);
+            all.extend((0..3).map(|channel| {
+                let value = |x: usize, y: usize| picture[(y * of[0] as usize + x) * 3 + channel];
+                let row = |y: usize| value(left, y) * (1.0 - across) + value(right, y) * across;
+                row(top) * (1.0 - down) + row(bottom) * down
+            }));
+        }
+    }
+    all
 }
 
 /// The camera after so many frames of an orbit.
@@ -154,17 +222,6 @@ fn orbit(scene: &Scene, camera: &Camera, frame: u32) -> Camera {
     let mut moved = camera.clone();
     moved.world_from_view = center * turn * center.inverse() * camera.world_from_view;
     moved
-}
-
-fn flip(size: [u32; 2], shown: &[f32], truth: &[f32]) -> Result<f64, MeasureError> {
-    let picture = |of: &'static str, radiance: &[f32]| {
-        Picture::of_radiance(size[0], size[1], radiance.to_vec())
-            .map_err(|reason| MeasureError::Picture { of, reason })
-    };
-    let shown = picture("the live view", shown)?;
-    let truth = picture("the path tracer", truth)?;
-    let result = compare(Metric::Flip, &shown, &truth);
-    Ok(result.expect("pictures of one size").value)
 }
 
 /// Mean difference of two pictures' channels, as a part of white.

@@ -2,11 +2,13 @@
 //! and measures their cost. See docs/measuring.md.
 
 mod cache;
+mod equal_time;
 mod live;
 mod truth;
 
 pub use cache::Cache;
-pub use live::{Live, measure_live};
+pub use equal_time::{LiveInTime, StillInTime, live_in_time, path_traced_in_time, stills_in_time};
+pub use live::{Live, OrbitTruth, measure_live, trace_orbit};
 pub use truth::{Quality, Subject, TracedPart, Truth, trace};
 
 use std::ops::ControlFlow;
@@ -61,6 +63,17 @@ pub struct Progress {
     pub fraction: f64,
     /// Progress in words.
     pub state: String,
+}
+
+impl Progress {
+    /// That of maps before the first sample.
+    fn of_maps(readiness: Readiness) -> Self {
+        Self {
+            stage: "maps".to_owned(),
+            fraction: f64::from(readiness.progress()),
+            state: format!("{:.0} %", readiness.progress() * 100.0),
+        }
+    }
 }
 
 /// A callback that receives progress and may break off.
@@ -197,12 +210,8 @@ pub fn measure(
              last ({path}): it counts as error; measure with area lights"
         ));
     }
-    let picture = |of: &'static str, radiance: &[f32]| {
-        Picture::of_radiance(size[0], size[1], radiance.to_vec())
-            .map_err(|reason| MeasureError::Picture { of, reason })
-    };
-    let test = picture("the techniques", &radiance)?;
-    let reference = picture("the path tracer", &truth.radiance)?;
+    let test = picture("the techniques", &radiance, size)?;
+    let reference = picture("the path tracer", &truth.radiance, size)?;
     let mut metrics = Vec::new();
     for metric in Metric::ALL {
         match compare(metric, &test, &reference) {
@@ -237,6 +246,25 @@ pub fn measure(
     Ok(measured)
 }
 
+/// A picture that can be compared; `of` names who made it.
+fn picture(of: &'static str, radiance: &[f32], size: [u32; 2]) -> Result<Picture, MeasureError> {
+    Picture::of_radiance(size[0], size[1], radiance.to_vec())
+        .map_err(|reason| MeasureError::Picture { of, reason })
+}
+
+/// The error of a picture, made by `of`.
+fn error(
+    metric: Metric,
+    (of, shown): (&'static str, &[f32]),
+    truth: &[f32],
+    size: [u32; 2],
+) -> Result<f64, MeasureError> {
+    let shown = picture(of, shown, size)?;
+    let truth = picture("the path tracer", truth, size)?;
+    let result = compare(metric, &shown, &truth);
+    Ok(result.expect("pictures of one size").value)
+}
+
 /// Renders the techniques' image. Returns the number of frames in which its maps converged, and the times of its
 /// passes.
 fn render(
@@ -259,11 +287,7 @@ fn render(
     let readiness = renderer.converge(camera, true, |readiness, frame| {
         collect(&mut times, frame);
         map_frames += 1;
-        report(&Progress {
-            stage: "maps".to_owned(),
-            fraction: f64::from(readiness.progress()),
-            state: format!("{:.0} %", readiness.progress() * 100.0),
-        })
+        report(&Progress::of_maps(readiness))
     })?;
     if readiness != Readiness::Ready {
         return Err(MeasureError::Interrupted);

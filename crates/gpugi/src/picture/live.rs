@@ -85,8 +85,10 @@ impl Live {
     /// [`GpuError`].
     pub fn resized(&self, frame: &mut Frame<'_>, size: [u32; 2]) -> Result<Self, GpuError> {
         let mut film = Self::by(self.kernels.clone(), frame.gpu, size)?;
-        let shown = self.now();
-        let Some(shot) = shown.shot else {
+        // The picture that has begun may not have been shown yet.
+        let images = [self.now(), self.before()].into_iter();
+        let mut shown = images.filter_map(|image| Some((image, image.shot?)));
+        let Some((shown, shot)) = shown.next() else {
             return Ok(film);
         };
         let wgpu::Extent3d { width, height, .. } = self.radiance.texture().size();

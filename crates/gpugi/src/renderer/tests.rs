@@ -109,7 +109,7 @@ fn strips_that_are_lit_one_per_frame_make_the_same_picture() {
         assert_eq!(progress, [0.25, 0.5, 0.75, 0.0], "{sample}");
         assert!(by_strips.radiance().unwrap() == whole.radiance().unwrap());
     }
-    // A picture that waits needs not be complete to begin again.
+    // A picture that waits need not be complete to begin again.
     by_strips.try_render_sample(camera, 4, None, false).unwrap();
     by_strips.restart();
     assert_eq!(by_strips.progress(), 0.0);

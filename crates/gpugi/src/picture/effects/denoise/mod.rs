@@ -117,10 +117,12 @@ pub(in crate::picture) struct Pass {
 }
 
 impl Pass {
-    /// The same for pictures of another size; it compiles nothing.
+    /// The same for pictures of another size, without memory; it compiles nothing.
     pub fn resized(&self) -> Self {
         Self {
             kernels: self.kernels.clone(),
+            // Another size changes nothing that was seen.
+            settled: self.settled,
             ..Self::default()
         }
     }
