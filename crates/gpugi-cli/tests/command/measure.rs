@@ -229,7 +229,7 @@ fn sets_are_compared_at_equal_time() {
     let path = |name: &str| folder.join(name).display().to_string();
     let [json, svg] = ["times.json", "times.svg"].map(path);
     let mut arguments = vec!["measure", "cornell", "--size", "24x20", "--no-cache"];
-    arguments.extend(["--reference-samples", "16", "--equal-time", "400,0.001,200"]);
+    arguments.extend(["--reference-samples", "16", "--equal-time", "100,0.001,50"]);
     arguments.extend([
         "--techniques",
         "shadow-map,shadow-map.area-samples=4;path-tracer",
@@ -240,7 +240,7 @@ fn sets_are_compared_at_equal_time() {
     let report: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
     assert_eq!(
         report["budgets_ms"],
-        serde_json::json!([0.001, 200.0, 400.0])
+        serde_json::json!([0.001, 50.0, 100.0])
     );
     let sets = |kind: &str| -> Vec<String> {
         let rows = report[kind].as_array().unwrap().iter();

@@ -257,3 +257,32 @@ fn brightness([width, height]: [u32; 2], pictures: [&[f32]; 2]) -> f64 {
     ratios.sort_by(f64::total_cmp);
     ratios.get(ratios.len() / 2).copied().unwrap_or(1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Linear between centres of pixels, and constant beyond those at the border.
+    #[test]
+    fn small_pictures_are_enlarged_evenly() {
+        let ramp = |width: u32| -> Vec<f32> {
+            let places = (0..width * 2).map(|pixel| (pixel % width) as f32 + 0.5);
+            places
+                .flat_map(|place| [place / width as f32, 1.0, 2.0])
+                .collect()
+        };
+        let found = enlarged([4, 2], &ramp(4), [8, 6]);
+        assert_eq!(found.len(), 8 * 6 * 3);
+        for (row, pixels) in found.chunks(8 * 3).enumerate() {
+            for (pixel, expected) in pixels.chunks(3).zip(ramp(8).chunks(3)).skip(1).take(6) {
+                let far = pixel
+                    .iter()
+                    .zip(expected)
+                    .any(|(a, b)| (a - b).abs() > 1e-6);
+                assert!(!far, "{row}: {pixel:?} {expected:?}");
+            }
+            assert_eq!((pixels[0], pixels[21]), (0.125, 0.875));
+        }
+        assert_eq!(enlarged([4, 2], &ramp(4), [4, 2]), ramp(4));
+    }
+}

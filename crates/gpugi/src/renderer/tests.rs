@@ -185,6 +185,42 @@ fn a_picture_shows_the_last_one_until_its_strips_are_lit() {
     assert!(far.count() < 3 * 8);
 }
 
+/// Through a lens, too, and however often the size changes before a sample is complete.
+#[test]
+fn what_is_not_lit_yet_is_never_black() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = builtin("cornell", 1).unwrap();
+    let mut through_lens = scene.cameras[0].clone();
+    through_lens.lens.aperture = 0.05;
+    let effects = Effects::of_live_view();
+    for camera in [&scene.cameras[0], &through_lens] {
+        let mut renderer = quick(&gpu, &scene, [16, 16]);
+        renderer
+            .render_sample(camera, 1, Some(&effects), false)
+            .unwrap();
+        let bottom = |renderer: &Renderer| {
+            let pixels = renderer.pixels().unwrap();
+            let rows = &pixels[pixels.len() / 4 * 3..];
+            rows.iter().map(|&value| f64::from(value)).sum::<f64>() / rows.len() as f64
+        };
+        let before = bottom(&renderer);
+        for (side, frames) in [(64, 1), (48, 2), (64, 3), (32, 1)] {
+            // Two rows each.
+            renderer.resize_in_strips([side; 2], 2 * side).unwrap();
+            for _ in 0..frames {
+                renderer
+                    .try_render_sample(camera, 8, Some(&effects), false)
+                    .unwrap();
+            }
+            assert_eq!(renderer.samples(), 0);
+            let ratio = bottom(&renderer) / before;
+            // The border is enlarged several times.
+            assert!((ratio - 1.0).abs() < 0.25, "{side}: {ratio}");
+            renderer.restart();
+        }
+    }
+}
+
 #[test]
 fn frames_that_never_wait_come_to_the_same_picture() {
     let Some(gpu) = test_gpu() else { return };
