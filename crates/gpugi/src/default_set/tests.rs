@@ -134,6 +134,17 @@ fn live_views_trace_paths_where_that_wins() {
         for other in others {
             assert!(!other.names().contains(&paths.to_owned()), "{name}");
         }
+        // Elsewhere they win in software alone, and with glass alone.
+        for device_type in [wgpu::DeviceType::Cpu, wgpu::DeviceType::IntegratedGpu] {
+            let adapter = AdapterSummary {
+                device_type,
+                ..gpu.adapter.clone()
+            };
+            let live = default_set(&scene, &adapter, Purpose::LiveView, &registry);
+            let wins = device_type == wgpu::DeviceType::Cpu && name == "glass-room";
+            let names = live.names();
+            assert_eq!(names.contains(&paths.to_owned()), wins, "{name}");
+        }
     }
 }
 
