@@ -562,6 +562,7 @@ impl Renderer {
         effects: Option<&Effects>,
         timed: bool,
     ) -> Result<(Readiness, Timings), LightingError> {
+        (self.lit_points, self.is_displayed) = (0, false);
         if self.gpu.is_compiling() {
             return Ok((COMPILING, Timings::default()));
         }
@@ -581,7 +582,6 @@ impl Renderer {
         effects: Option<&Effects>,
         at_once: usize,
     ) -> Result<Readiness, LightingError> {
-        (self.lit_points, self.is_displayed) = (0, false);
         let remembers = effects.is_some_and(|effects| effects.temporal_antialiasing.is_on());
         if let Some(effects) = effects {
             let of_light = (camera, self.lighting.is_noisy());
@@ -653,6 +653,7 @@ impl Renderer {
         }
         let is_noisy = remembers && self.lighting.is_noisy();
         let first = self.lit;
+        self.lit_points = 0;
         let end = first.saturating_add(at_once).min(self.strips.len());
         for strip in &mut self.strips[first..end] {
             strip.expect_noise(frame, is_noisy, self.samples == 0)?;

@@ -16,17 +16,10 @@ struct ShotsUniform {
     film_from_world: [[f32; 4]; 4],
     film_from_world_before: [[f32; 4]; 4],
     eye_before: [f32; 4],
-    has_moved: u32,
-    padding: [u32; 3],
-}
-
-/// `Sum` of live.wesl.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Sum {
-    /// 1 / number of samples.
+    /// 1 / number of samples of a strip.
     scale: f32,
-    padding: [u32; 3],
+    has_moved: u32,
+    padding: [u32; 2],
 }
 
 /// What the pixels of a live picture show and see.
@@ -52,7 +45,10 @@ pub(super) struct Live {
     images: [Image; 2],
     /// Which of them is this picture's.
     current: usize,
-    shots: HostBuffer,
+    /// Whether it shows anything.
+    has_picture: bool,
+    /// [`ShotsUniform`] of each strip.
+    shots: Vec<HostBuffer>,
 }
 
 /// What a film compiles.
@@ -85,11 +81,15 @@ impl Live {
     /// [`GpuError`].
     pub fn resized(&self, frame: &mut Frame<'_>, size: [u32; 2]) -> Result<Self, GpuError> {
         let mut film = Self::by(self.kernels.clone(), frame.gpu, size)?;
-        // The picture that has begun may not have been shown yet.
-        let images = [self.now(), self.before()].into_iter();
-        let mut shown = images.filter_map(|image| Some((image, image.shot?)));
-        let Some((shown, shot)) = shown.next() else {
+        if !self.has_picture {
             return Ok(film);
+        }
+        // The picture that has begun may not have been shown yet. One that was seen through a lens is the film's alone.
+        let images = [self.now(), self.before()];
+        let remembered = images.into_iter().find(|image| image.shot.is_some());
+        let (radiance, surfaces) = match remembered {
+            Some(image) => (&image.radiance, &image.surfaces),
+            None => (&self.radiance, &self.now().surfaces),
         };
         let wgpu::Extent3d { width, height, .. } = self.radiance.texture().size();
         let scale = Vec3::new(
@@ -97,15 +97,17 @@ impl Live {
             size[1] as f32 / height as f32,
             1.0,
         );
-        film.images[film.current].shot = Some(Shot {
+        let shot = remembered.and_then(|image| image.shot);
+        film.images[film.current].shot = shot.map(|shot| Shot {
             film_from_world: Mat4::from_scale(scale) * shot.film_from_world,
             ..shot
         });
+        film.has_picture = true;
         // The next picture has it before itself, and around the pixels that its first frames light.
         for image in &film.images {
             let resources: [Named<'_>; 7] = [
-                ("radiance_before", &shown.radiance),
-                ("surfaces_before", &shown.surfaces),
+                ("radiance_before", radiance),
+                ("surfaces_before", surfaces),
                 ("between", &self.kernels.between),
                 ("resampled", &image.radiance),
                 ("surfaces", &image.surfaces),
@@ -134,12 +136,8 @@ impl Live {
             motion: texture(gpu, "film.motion", wgpu::TextureFormat::Rgba32Uint, size)?,
             images: [image()?, image()?],
             current: 0,
-            shots: HostBuffer::new(
-                gpu,
-                "shots",
-                size_of::<ShotsUniform>() as u64,
-                wgpu::BufferUsages::UNIFORM,
-            )?,
+            has_picture: false,
+            shots: Vec::new(),
         })
     }
 
@@ -160,6 +158,12 @@ impl Live {
 
     /// Forgets all pictures.
     pub fn forget(&mut self) {
+        self.end_history();
+        self.has_picture = false;
+    }
+
+    /// The next picture has nothing to do with those before it, which stay on show.
+    pub fn end_history(&mut self) {
         for image in &mut self.images {
             image.shot = None;
         }
@@ -184,32 +188,33 @@ impl Live {
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         self.images[self.current].shot = Some(shot);
+        self.has_picture = true;
         let before = self.before().shot.unwrap_or(shot);
         let vertices_before = scene.vertices_at(before.versions.geometry);
         let uniform = ShotsUniform {
             film_from_world: shot.film_from_world.to_cols_array_2d(),
             film_from_world_before: before.film_from_world.to_cols_array_2d(),
             eye_before: before.eye.to_array(),
+            scale: 1.0,
             has_moved: vertices_before.is_some().into(),
-            padding: [0; 3],
+            padding: [0; 2],
         };
-        self.shots.write(gpu, &[uniform]);
+        while self.shots.len() < strips.len() {
+            self.shots.push(shots(gpu)?);
+        }
         let scene_group = Some(&scene.bind_group);
-        for strip in strips {
+        for (index, strip) in strips.iter().enumerate() {
             let rows = strip.rows.end - strip.rows.start;
-            let sum = Sum {
-                scale: 1.0 / strip.samples.max(1) as f32,
-                padding: [0; 3],
-            };
-            let sum = gpu.constant("sum", &sum)?;
-            let own: [Named<'_>; 7] = [
+            let shots = &self.shots[index];
+            let scale = 1.0 / strip.samples.max(1) as f32;
+            shots.write(gpu, &[ShotsUniform { scale, ..uniform }]);
+            let own: [Named<'_>; 6] = [
                 ("vertices", &scene.vertices),
                 (
                     "vertices_before",
                     vertices_before.unwrap_or(&scene.vertices),
                 ),
-                ("shots", &self.shots),
-                ("sum", &sum),
+                ("shots", shots),
                 ("radiance_mean", &self.radiance),
                 ("surfaces", &self.now().surfaces),
                 ("motion", &self.motion),
@@ -224,4 +229,9 @@ impl Live {
         }
         Ok(())
     }
+}
+
+fn shots(gpu: &Gpu) -> Result<HostBuffer, GpuError> {
+    let bytes = size_of::<ShotsUniform>() as u64;
+    HostBuffer::new(gpu, "shots", bytes, wgpu::BufferUsages::UNIFORM)
 }

@@ -201,7 +201,7 @@ impl Picture {
                     .record(frame, film, lit.strips, size, samples, &effects.denoise)?;
             if lit.is_through_lens {
                 // What frames saw through the middle of the lens is another picture.
-                film.forget();
+                film.end_history();
                 &(self.depth_of_field).fade(frame, &lit_film, size, samples)?
             } else {
                 let exposure = &self.exposure.value;

@@ -1,5 +1,6 @@
 //! Error over time as a chart: still pictures beside live frames, a line per set.
 
+use std::ops::Range;
 use std::path::Path;
 
 use anyhow::Context;
@@ -88,7 +89,10 @@ fn panel(
         .margin(12)
         .x_label_area_size(45)
         .y_label_area_size(60)
-        .build_cartesian_2d(times.log_scale(), errors.log_scale())?;
+        .build_cartesian_2d(
+            times.clone().log_scale().with_key_points(ticks(&times)),
+            errors.clone().log_scale().with_key_points(ticks(&errors)),
+        )?;
     chart
         .configure_mesh()
         .light_line_style(RGBColor(240, 240, 240))
@@ -119,22 +123,58 @@ fn panel(
 }
 
 /// A range that holds all values, with room around them.
-fn range(values: impl Iterator<Item = f64>) -> Option<std::ops::Range<f64>> {
+fn range(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
     let values = values.filter(|value| *value > 0.0 && value.is_finite());
     let (least, most) = values.fold((f64::INFINITY, 0.0_f64), |(least, most), value| {
         (least.min(value), most.max(value))
     });
-    (most > 0.0).then_some(least / 1.3..most * 1.3)
+    // Two ticks lie in a factor of five.
+    let middle = (least * most).sqrt();
+    (most > 0.0).then(|| (least / 1.3).min(middle / 2.3)..(most * 1.3).max(middle * 2.3))
+}
+
+/// 1, 2 and 5 times powers of ten.
+fn ticks(range: &Range<f64>) -> Vec<f64> {
+    let decades = range.start.log10().floor() as i32..=range.end.log10().ceil() as i32;
+    let ticks = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|digit| digit * 10_f64.powi(decade)));
+    ticks.filter(|tick| range.contains(tick)).collect()
 }
 
 /// A number in few digits.
 fn short(value: f64) -> String {
     match value {
-        value if value >= 10.0 => format!("{value:.0}"),
-        value if value >= 1.0 => format!("{value:.1}"),
+        value if value >= 1.0 => format!("{value:.0}"),
         value => {
             let text = format!("{value:.4}");
             text.trim_end_matches('0').to_owned()
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_have_two_ticks_at_least() {
+        for values in [
+            [0.18, 0.65],
+            [0.3, 0.3],
+            [0.0, 33.0],
+            [7e-4, 2e4],
+            [f64::NAN, 1.0],
+        ] {
+            let range = range(values.into_iter()).unwrap();
+            let ticks = ticks(&range);
+            assert!(ticks.len() >= 2, "{values:?}: {ticks:?}");
+            assert!(ticks.is_sorted());
+            let shown = values.into_iter().filter(|value| *value > 0.0);
+            assert!(shown.into_iter().all(|value| range.contains(&value)));
+        }
+        assert!(range([0.0, f64::INFINITY].into_iter()).is_none());
+        assert_eq!(
+            [0.005, 0.2, 5.0, 200.0].map(short),
+            ["0.005", "0.2", "5", "200"]
+        );
     }
 }
