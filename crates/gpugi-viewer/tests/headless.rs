@@ -444,7 +444,7 @@ fn a_picture_gets_all_its_pixels_at_rest() {
 }
 
 /// Where pixels take long, a picture at rest has few first, then strips with all of them, then samples. Input never waits
-/// for more than a strip, and no frame shows less than the one before.
+/// for more than a strip. It takes two seconds, because it opens a scene.
 #[test]
 fn a_slow_picture_gets_its_pixels_strip_by_strip() {
     let Some(gpu) = open() else { return };

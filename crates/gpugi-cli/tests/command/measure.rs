@@ -220,6 +220,7 @@ fn live_frames_are_measured_in_motion() {
 }
 
 /// Tables, JSON and chart hold the same; what is not in time is left out. How much is in time depends on the machine.
+/// It takes three seconds for the orbit's frames and four references.
 #[test]
 fn sets_are_compared_at_equal_time() {
     if skip_gpu() {

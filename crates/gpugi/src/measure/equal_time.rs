@@ -229,12 +229,19 @@ pub fn path_traced_in_time(
     let mut tracer = PathTracer::new(gpu, subject.scene, subject.size, &Settings::default())?;
     tracer.keep_features()?;
     tracer.set_motion(options.motion.clone())?;
-    let trace = |tracer: &mut PathTracer, samples: u32| {
+    let mut trace = |tracer: &mut PathTracer, samples: u32, progress: &Progress| {
         let began = Instant::now();
-        let mut go_on = |_: &_| ControlFlow::Continue(());
-        tracer.render(subject.camera, samples, &mut go_on)?;
+        let mut flow = ControlFlow::Continue(());
+        let mut follow = |_: &_| {
+            flow = report(progress);
+            flow
+        };
+        tracer.render(subject.camera, samples, &mut follow)?;
         gpu.wait()?;
-        Ok::<_, MeasureError>(milliseconds(began))
+        match flow {
+            ControlFlow::Continue(()) => Ok(milliseconds(began)),
+            ControlFlow::Break(()) => Err(MeasureError::Interrupted),
+        }
     };
     let denoised = |tracer: &PathTracer| {
         let began = Instant::now();
@@ -242,7 +249,7 @@ pub fn path_traced_in_time(
         Ok::<_, MeasureError>((radiance, milliseconds(began)))
     };
     // Everything is compiled.
-    trace(&mut tracer, 2)?;
+    trace(&mut tracer, 2, &clocks[0].progress("path tracer", 0.0, 0))?;
     denoised(&tracer)?;
     let (_, of_filter) = denoised(&tracer)?;
     // The reference has other random numbers.
@@ -284,12 +291,10 @@ pub fn path_traced_in_time(
         let count = (fit as u32)
             .clamp(1, MOST_AT_ONCE)
             .min(MOST_SAMPLES - samples);
-        let took = trace(&mut tracer, samples + count)?;
+        let progress = clocks[0].progress("path tracer", elapsed, samples);
+        let took = trace(&mut tracer, samples + count, &progress)?;
         elapsed += took;
         of_sample = took / f64::from(count);
-        if report(&clocks[0].progress("path tracer", elapsed, samples + count)).is_break() {
-            return Err(MeasureError::Interrupted);
-        }
     }
 }
 

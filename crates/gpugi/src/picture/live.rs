@@ -84,7 +84,7 @@ impl Live {
         if !self.has_picture {
             return Ok(film);
         }
-        // The picture that has begun may not have been shown yet. One that was seen through a lens is the film's alone.
+        // The picture that has begun may not have been shown yet. The film alone has one that was seen through a lens.
         let images = [self.now(), self.before()];
         let remembered = images.into_iter().find(|image| image.shot.is_some());
         let (radiance, surfaces) = match remembered {
