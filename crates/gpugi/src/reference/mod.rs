@@ -572,9 +572,10 @@ impl PathTracer {
             self.is_later = false;
         }
         self.look(camera)?;
-        // Add at most a quarter more samples, so that the image converges evenly and the noise is measured often enough.
-        let affordable = (self.rate * BATCH_SECONDS / self.pixels()) as u32;
-        let of_pass = affordable.clamp(1, self.samples / 4 + 1);
+        // About a batch, but at most a quarter more samples, so that the image converges evenly and the noise is measured
+        // often enough. How long batches take has no say: sums of photons and the estimate of their noise depend on passes.
+        let of_batch = (Wavefront::most_items(&self.gpu) as f64 / self.pixels()) as u32;
+        let of_pass = of_batch.clamp(1, self.samples / 4 + 1);
         self.pass.samples = of_pass.min(self.most_of_pass(samples));
         Ok(())
     }

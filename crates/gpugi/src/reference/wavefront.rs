@@ -75,6 +75,14 @@ pub(super) type Named<'a> = [(&'a str, &'a wgpu::Buffer)];
 /// What [`Wavefront::light`] binds.
 const LIGHTS: [&str; 3] = ["lights", "emitter_rows", "sky_grid"];
 
+/// Most paths in flight.
+fn paths(gpu: &Gpu) -> u64 {
+    match gpu.adapter.device_type {
+        wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
+        _ => PATHS,
+    }
+}
+
 /// A pool of so many rows.
 fn pool(gpu: &Gpu, rows: u64) -> Result<wgpu::Buffer, GpuError> {
     let bytes = size_of::<Header>() as u64 + rows * ROW_BYTES;
@@ -151,11 +159,8 @@ impl Wavefront {
             .min(limits.max_storage_buffer_binding_size)
             / ROW_BYTES
             - 16;
-        let paths = match gpu.adapter.device_type {
-            wgpu::DeviceType::Cpu => PATHS_IN_SOFTWARE,
-            _ => PATHS,
-        };
         // Small images take several samples per pixel at once.
+        let paths = paths(gpu);
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let wanted = (4 * pixels.min(paths)).next_multiple_of(64).min(paths);
         let capacity = wanted.min(rows / (PATH_ROWS + 4)) & !63;
@@ -182,6 +187,11 @@ impl Wavefront {
     ) -> Result<wgpu::BindGroup, GpuError> {
         let buffers = [("settings", settings), ("pixels", film)];
         bind(gpu, &self.resolve, 1, &buffers, &["settings", "pixels"])
+    }
+
+    /// Pixel samples in a batch of a large image.
+    pub fn most_items(gpu: &Gpu) -> u64 {
+        paths(gpu) * ITEMS_PER_PATH
     }
 
     /// Maximum number of pixel samples in a batch.
