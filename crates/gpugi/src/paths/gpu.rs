@@ -60,5 +60,5 @@ pub(crate) struct Header {
     pub interval: u32,
     pub first_x: u32,
     pub first_y: u32,
-    pub begins_on_surfaces: u32,
+    pub padding: u32,
 }

@@ -140,8 +140,8 @@ impl Technique for PathTracing {
         receiver: &Receiver,
         _: &mut Earlier<'_>,
     ) -> Result<(), GpuError> {
-        // Paths begin at surfaces that an eye sees.
-        if receiver.points.output != Output::RadianceToEye {
+        // Paths begin at surfaces.
+        if ![Output::RadianceToEye, Output::Irradiance].contains(&receiver.points.output) {
             return Ok(());
         }
         let Some(passes) = self.passes.get_mut() else {

@@ -6,7 +6,7 @@ use gpugi_scene::Image;
 
 use super::Settings;
 use crate::capture::Receiver;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::light_paths::{LightClass, PathFilter};
 use crate::paths::gpu::{EyeUniform, Header, Parameters};
 use crate::paths::{Kernels, LightBuffers, LightTable, PATH_ROWS, Sky, has_straight};
@@ -136,8 +136,19 @@ impl Passes {
         let own = Some(&scene.layout);
         let begin = shader!("techniques.path_tracing.begin");
         let add = shader!("techniques.path_tracing.add");
+        // Rays are traced later.
+        let of_vertices = constants.values.iter().copied();
+        let of_vertices: Vec<_> = of_vertices
+            .filter(|(name, _)| {
+                !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES", "HAS_MEDIA"].contains(name)
+            })
+            .collect();
+        let of_vertices = KernelOptions {
+            constants: &of_vertices,
+            ..KernelOptions::default()
+        };
         Ok(Self {
-            begin: Kernel::new(gpu, &begin, "main", own)?,
+            begin: Kernel::with_options(gpu, &begin, "main", own, &of_vertices)?,
             kernels: Kernels::new(gpu, scene, &constants.values)?,
             add: Kernel::new(gpu, &add, "main", None)?,
             look: match constants.has_smooth {
@@ -234,16 +245,17 @@ impl Passes {
                 ("pool", &pool),
                 ("arguments", &self.arguments),
             ];
-            let begin = join(&of_points, &[("automaton", &self.automaton)]);
             let [rows, emitters, sky] = table.buffers.named();
             let lights: [Named<'_>; 3] =
                 [(rows.0, rows.1), (emitters.0, emitters.1), (sky.0, sky.1)];
+            let begin = join(&of_points, &[("automaton", &self.automaton)]);
+            let begin = join(&begin, &lights);
             let shade = join(&of_paths, &lights);
             frame.clear_range(&pool, 4..size_of::<Header>() as u64);
             let items = [count * BLOCK * BLOCK * settings.samples, 1, 1];
             frame.run("path-tracing.begin", &self.begin, of_scene, &begin, items)?;
             frame.compute("path-tracing.trace", |pass| {
-                for _ in 0..=settings.bounces {
+                for _ in 0..settings.bounces {
                     let Kernels {
                         plan,
                         trace,
