@@ -90,7 +90,8 @@ pub fn check(techniques: &[String]) -> Result<(), Usage> {
 
 /// The techniques that are baked into texels, by role.
 fn baked() -> Vec<&'static Info> {
-    let is_diffuse = |role| is_direct(role) || [Role::Indirect, Role::Factor].contains(&role);
+    let is_diffuse =
+        |role| is_direct(role) || [Role::Indirect, Role::Factor, Role::Everything].contains(&role);
     let mut baked = all();
     baked.retain(|info| is_diffuse(info.role) && info.cost.suits(Purpose::Bake));
     baked.sort_by_key(|info| info.role);

@@ -71,6 +71,9 @@ pub struct SceneOptions {
     /// Samples per texel
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
+    /// Filter the noise of path-tracing out of the texels (docs/denoising.md)
+    #[arg(long)]
+    denoise: bool,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -180,6 +183,7 @@ pub fn run(
             },
             samples: options.samples,
             seed: options.seed,
+            denoises: options.denoise,
             memory: u64::from(options.memory) << 20,
             ..LightOptions::default()
         };

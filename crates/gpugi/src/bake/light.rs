@@ -19,6 +19,7 @@ use super::tasks::{
 };
 use crate::capture::atlas::{self, AtlasCapture, AtlasCaptureOptions, LeakTest, TexelLobes};
 use crate::capture::{Output, Receiver, Target, View};
+use crate::denoise::{self, FILTER_BYTES, SPREAD_BYTES, Spreads};
 use crate::gpu::{Frame, Gpu, GpuError, read_buffer};
 use crate::lighting::{Budget, Lighting, LightingError};
 use crate::scene::GpuScene;
@@ -28,6 +29,10 @@ use state::LitRows;
 /// GPU memory per texel while it is lit (bytes): point (48), coverage (16), hit (4), state (4), sum of light (16),
 /// dilation levels (22), and the sums again while they are read back (16).
 pub(super) const TEXEL_BYTES: u64 = 126;
+/// The same for texels that are denoised, while they are filtered: point, coverage, hit, state, sum of light, squares (16),
+/// and what the filter needs. Less while they are lit, with the spread of their samples (32).
+const DENOISED_TEXEL_BYTES: u64 = 104 + FILTER_BYTES;
+const _: () = assert!(DENOISED_TEXEL_BYTES >= TEXEL_BYTES + SPREAD_BYTES);
 
 /// The quantity that texels store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -52,6 +57,9 @@ pub struct LightOptions {
     pub samples_per_task: u32,
     /// Seed of everything stochastic.
     pub seed: u32,
+    /// Whether noise is filtered out of the texels, guided by how far their samples spread ([`crate::denoise`]). It takes two
+    /// samples or more, and techniques whose noise differs from texel to texel, such as path-tracing.
+    pub denoises: bool,
     /// GPU memory for texels (bytes). The bake splits the atlas into as many tiles as that requires and lights them one
     /// after another. The scene and the maps of techniques need memory on top.
     pub memory: u64,
@@ -64,6 +72,7 @@ impl Default for LightOptions {
             samples: 16,
             samples_per_task: 64,
             seed: 0,
+            denoises: false,
             memory: 512 << 20,
         }
     }
@@ -119,6 +128,8 @@ struct Tile {
     pub leaks: LeakTest,
     /// Sums of light, one target per piece of the capture.
     pub targets: Vec<Target>,
+    /// Of each target, if the bake is denoised.
+    pub spreads: Vec<Spreads>,
 }
 
 impl Drop for Tile {
@@ -131,6 +142,7 @@ impl Drop for Tile {
         for target in &self.targets {
             target.radiance.destroy();
         }
+        self.spreads.iter().for_each(Spreads::destroy);
     }
 }
 
@@ -149,8 +161,12 @@ impl<'a> LightBake<'a> {
         let mut on_gpu = GpuScene::with_texels(gpu, scene)?;
         let lighting = Lighting::new(gpu, &mut on_gpu, names, &Registry::default())?;
         gpu.check()?;
-        let most_texels = u32::try_from(options.memory / TEXEL_BYTES).unwrap_or(u32::MAX);
-        let tiles = atlas::tiles(gpu, atlas, most_texels)?;
+        let (texel_bytes, halo) = match options.denoises {
+            true => (DENOISED_TEXEL_BYTES, atlas::HALO + denoise::MARGIN),
+            false => (TEXEL_BYTES, atlas::HALO),
+        };
+        let most_texels = u32::try_from(options.memory / texel_bytes).unwrap_or(u32::MAX);
+        let tiles = atlas::tiles(gpu, atlas, most_texels, halo)?;
         // Maps that follow a camera follow one that sees the whole scene.
         let diagonal = on_gpu.diagonal();
         let center = scene.bounds().center();
@@ -232,6 +248,9 @@ impl<'a> LightBake<'a> {
             let receiver = Receiver::new(points, target);
             lighting.gather_some(&mut frame, scene, &receiver, adds)?;
         }
+        for (spread, target) in lit.spreads.iter().zip(&lit.targets) {
+            spread.record(&mut frame, &target.radiance)?;
+        }
         frame.submit()?;
         running.next += 1;
         Ok(())
@@ -244,6 +263,47 @@ impl<'a> LightBake<'a> {
         samples: Range<u32>,
         first: Option<&TexelPart>,
     ) -> Result<Running, LightingError> {
+        let gpu = &self.solver.gpu;
+        let (capture, leaks) = self.capture(number)?;
+        let targets = capture
+            .points()
+            .map(|points| Target::new(gpu, points.count));
+        let targets: Vec<Target> = targets.collect::<Result<_, GpuError>>()?;
+        let spreads = (capture.points().filter(|_| self.denoises()))
+            .map(|points| Spreads::new(gpu, points.count));
+        let spreads: Vec<Spreads> = spreads.collect::<Result<_, GpuError>>()?;
+        let mut next = samples.start;
+        if let Some(first) =
+            first.filter(|part| (part.tile, part.samples.start) == (number, samples.start))
+        {
+            next = first.samples.end;
+            let (mut rest, mut squares) = (&first.sums[..], &first.squares[..]);
+            for (index, target) in targets.iter().enumerate() {
+                let (these, others) = rest.split_at((target.radiance.size() / 16) as usize);
+                gpu.write(&target.radiance, 0, these);
+                rest = others;
+                if let Some(spread) = spreads.get(index) {
+                    let (of_these, others) = squares.split_at(these.len());
+                    spread.resume(gpu, these, of_these);
+                    squares = others;
+                }
+            }
+        }
+        Ok(Running {
+            tile: number,
+            samples,
+            next,
+            lit: Tile {
+                capture,
+                leaks,
+                targets,
+                spreads,
+            },
+        })
+    }
+
+    /// Allocates the surface points of a tile, and their test.
+    fn capture(&self, number: u32) -> Result<(AtlasCapture, LeakTest), LightingError> {
         let tile = &self.tiles[number as usize];
         let gpu = &self.solver.gpu;
         let options = AtlasCaptureOptions {
@@ -261,32 +321,12 @@ impl<'a> LightBake<'a> {
         let on_gpu = &self.solver.on_gpu;
         let capture = AtlasCapture::new(gpu, self.scene, on_gpu, self.atlas, &options)?;
         let leaks = LeakTest::new(gpu, on_gpu, &capture)?;
-        let targets = capture
-            .points()
-            .map(|points| Target::new(gpu, points.count));
-        let targets: Vec<Target> = targets.collect::<Result<_, GpuError>>()?;
-        let mut next = samples.start;
-        if let Some(first) =
-            first.filter(|part| (part.tile, part.samples.start) == (number, samples.start))
-        {
-            next = first.samples.end;
-            let mut rest = &first.sums[..];
-            for target in &targets {
-                let (these, others) = rest.split_at((target.radiance.size() / 16) as usize);
-                gpu.write(&target.radiance, 0, these);
-                rest = others;
-            }
-        }
-        Ok(Running {
-            tile: number,
-            samples,
-            next,
-            lit: Tile {
-                capture,
-                leaks,
-                targets,
-            },
-        })
+        Ok((capture, leaks))
+    }
+
+    /// Whether the texels are filtered: one sample does not tell its noise.
+    fn denoises(&self) -> bool {
+        self.options.denoises && self.options.samples > 1
     }
 
     /// The light of a task so far. Waits for the GPU.
@@ -299,10 +339,15 @@ impl<'a> LightBake<'a> {
                 radiance.size(),
             )?);
         }
+        let mut squares = Vec::new();
+        for spread in &running.lit.spreads {
+            squares.extend(spread.squares(&self.solver.gpu)?);
+        }
         Ok(TexelPart {
             tile: running.tile,
             samples: running.samples.start..running.next,
             sums,
+            squares,
             leak_map: running.lit.leaks.map(&self.solver.gpu)?,
         })
     }

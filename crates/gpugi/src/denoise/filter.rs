@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named};
 use crate::shader;
 
 /// A pixel to be filtered: `Noisy` of denoise/noisy.wesl.
@@ -15,15 +15,15 @@ pub(super) struct Noisy {
     pub depth: f32,
     pub variance: [f32; 3],
     pub normal: u32,
-    pub albedo: [f32; 3],
-    pub padding: u32,
+    pub guide: [f32; 3],
+    pub surface: u32,
 }
 
-const NOISY_BYTES: u64 = size_of::<Noisy>() as u64;
+pub(super) const NOISY_BYTES: u64 = size_of::<Noisy>() as u64;
 /// `RADIUS` of filter.wesl.
 const RADIUS: u32 = 7;
 /// Rows beyond those that are written on which these depend: `RADIUS` and `PATCH`.
-const MARGIN: u32 = 9;
+pub const MARGIN: u32 = 9;
 
 /// `Rows` of denoise/filter.wesl.
 #[repr(C)]
@@ -53,27 +53,27 @@ pub struct Window {
     pub written: Range<u32>,
 }
 
-/// Filters pictures of one size: non-local means, guided by what pixels see (denoise/filter.wesl).
+/// Non-local means over windows of pictures, or of texels, of one size (denoise/filter.wesl).
 #[derive(Debug)]
-pub struct Denoiser {
-    filter: Kernel,
-    finish: Kernel,
+pub struct NonLocalMeans {
+    kernel: Kernel,
     size: [u32; 2],
     /// Most rows of a window.
     rows: u32,
     /// The window's pixels: `Noisy`.
     pub pixels: wgpu::Buffer,
-    sums: wgpu::Buffer,
-    /// Radiance of the rows that a window writes, four floats per pixel.
-    pub filtered: wgpu::Buffer,
+    /// Weighted sums of light, with the weights.
+    pub(super) sums: wgpu::Buffer,
 }
 
-impl Denoiser {
+impl NonLocalMeans {
+    /// For texels: all rows in one window.
+    pub(super) fn of_texels(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Self::with_rows(gpu, size, size[1], true)
+    }
+
     /// For pictures of `size` pixels.
-    ///
-    /// # Errors
-    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
-    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         let limits = gpu.limits();
         let largest = limits
             .max_buffer_size
@@ -81,22 +81,23 @@ impl Denoiser {
         let most = largest / (u64::from(size[0].max(1)) * NOISY_BYTES);
         // One row at least is written; if its window is too large, its buffer says so.
         let rows = u64::from(size[1]).min(most).max(u64::from(2 * MARGIN + 1));
-        Self::with_rows(gpu, size, rows as u32)
+        Self::with_rows(gpu, size, rows as u32, false)
     }
 
-    /// As [`Denoiser::new`], in windows of no more than `rows` rows, which has to exceed `2 * MARGIN`.
-    pub(super) fn with_rows(gpu: &Gpu, size: [u32; 2], rows: u32) -> Result<Self, GpuError> {
-        let kernel = |shader| Kernel::new(gpu, &shader, "main", None);
+    /// The same in windows of no more than `rows` rows, which has to exceed `2 * MARGIN`.
+    fn with_rows(gpu: &Gpu, size: [u32; 2], rows: u32, of_texels: bool) -> Result<Self, GpuError> {
+        let options = KernelOptions {
+            constants: &[("OF_TEXELS", f64::from(u8::from(of_texels)))],
+            ..KernelOptions::default()
+        };
         let pixels = u64::from(size[0]) * u64::from(rows);
         let storage = |label, bytes| gpu.buffer(label, pixels * bytes, wgpu::BufferUsages::STORAGE);
         Ok(Self {
-            filter: kernel(shader!("denoise.filter"))?,
-            finish: kernel(shader!("denoise.finish"))?,
+            kernel: Kernel::with_options(gpu, &shader!("denoise.filter"), "main", None, &options)?,
             size,
             rows,
             pixels: storage("denoise.pixels [bytes]", NOISY_BYTES)?,
             sums: storage("denoise.sums [bytes]", 16)?,
-            filtered: storage("denoise.filtered [bytes]", 16)?,
         })
     }
 
@@ -116,11 +117,18 @@ impl Denoiser {
         })
     }
 
-    /// Filters the window that [`Denoiser::pixels`] holds into [`Denoiser::filtered`]: pass `denoise`.
-    ///
-    /// # Errors
-    /// [`GpuError::Pass`].
-    pub fn record(&self, frame: &mut Frame<'_>, window: &Window) -> Result<(), GpuError> {
+    /// Filters all of what `pixels` holds into `sums`.
+    pub(super) fn record_all(&self, frame: &mut Frame<'_>) -> Result<(), GpuError> {
+        let [_, height] = self.size;
+        let window = Window {
+            read: 0..height,
+            written: 0..height,
+        };
+        self.record(frame, &window)
+    }
+
+    /// Filters the window that `pixels` holds into `sums`.
+    pub(super) fn record(&self, frame: &mut Frame<'_>, window: &Window) -> Result<(), GpuError> {
         let (gpu, width) = (frame.gpu, self.size[0]);
         let height = window.read.end - window.read.start;
         for row in 0..=2 * RADIUS {
@@ -135,10 +143,60 @@ impl Denoiser {
                 ("pixels", &self.pixels),
                 ("sums", &self.sums),
             ];
-            frame.compute("denoise", |pass| {
-                self.filter.run(pass, None, &resources, [width, height, 1])
-            })?;
+            frame.run(
+                "denoise",
+                &self.kernel,
+                None,
+                &resources,
+                [width, height, 1],
+            )?;
         }
+        Ok(())
+    }
+}
+
+/// Filters pictures of one size, guided by what pixels see.
+#[derive(Debug)]
+pub struct Denoiser {
+    /// The filter.
+    pub means: NonLocalMeans,
+    finish: Kernel,
+    /// Radiance of the rows that a window writes, four floats per pixel.
+    pub filtered: wgpu::Buffer,
+}
+
+impl Denoiser {
+    /// For pictures of `size` pixels.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
+    pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Self::by(gpu, NonLocalMeans::new(gpu, size)?)
+    }
+
+    /// As [`Denoiser::new`], in windows of no more than `rows` rows, which has to exceed `2 * MARGIN`.
+    #[cfg(test)]
+    pub(super) fn with_rows(gpu: &Gpu, size: [u32; 2], rows: u32) -> Result<Self, GpuError> {
+        Self::by(gpu, NonLocalMeans::with_rows(gpu, size, rows, false)?)
+    }
+
+    fn by(gpu: &Gpu, means: NonLocalMeans) -> Result<Self, GpuError> {
+        let bytes = u64::from(means.size[0]) * u64::from(means.rows) * 16;
+        let storage = wgpu::BufferUsages::STORAGE;
+        Ok(Self {
+            finish: Kernel::new(gpu, &shader!("denoise.finish"), "main", None)?,
+            filtered: gpu.buffer("denoise.filtered [bytes]", bytes, storage)?,
+            means,
+        })
+    }
+
+    /// Filters the window that `means` holds into [`Denoiser::filtered`]: pass `denoise`.
+    ///
+    /// # Errors
+    /// [`GpuError::Pass`].
+    pub fn record(&self, frame: &mut Frame<'_>, window: &Window) -> Result<(), GpuError> {
+        self.means.record(frame, window)?;
+        let (gpu, width) = (frame.gpu, self.means.size[0]);
         let written = window.written.end - window.written.start;
         let finish = Finish {
             first: window.written.start - window.read.start,
@@ -149,12 +207,16 @@ impl Denoiser {
         let finish = gpu.constant("denoise.finish", &finish)?;
         let resources: [Named<'_>; 4] = [
             ("finish", &finish),
-            ("pixels", &self.pixels),
-            ("sums", &self.sums),
+            ("pixels", &self.means.pixels),
+            ("sums", &self.means.sums),
             ("filtered", &self.filtered),
         ];
-        frame.compute("denoise", |pass| {
-            self.finish.run(pass, None, &resources, [width, written, 1])
-        })
+        frame.run(
+            "denoise",
+            &self.finish,
+            None,
+            &resources,
+            [width, written, 1],
+        )
     }
 }

@@ -29,8 +29,8 @@ fn picture(right: f32) -> Vec<Noisy> {
             depth: 1.0,
             variance: [SIGMA * SIGMA; 3],
             normal: 0x0000_7f00,
-            albedo: [0.8; 3],
-            padding: 0,
+            guide: [0.8; 3],
+            surface: 0,
         }
     };
     (0..pixels).map(pixel).collect()
@@ -40,9 +40,9 @@ fn picture(right: f32) -> Vec<Noisy> {
 fn filtered(gpu: &Gpu, pixels: &[Noisy], rows: u32) -> Vec<f32> {
     let denoiser = Denoiser::with_rows(gpu, SIZE, rows).unwrap();
     let mut picture: Vec<[f32; 4]> = Vec::new();
-    for window in denoiser.windows() {
+    for window in denoiser.means.windows() {
         let [first, end] = [window.read.start, window.read.end].map(|row| (row * SIZE[0]) as usize);
-        gpu.write(&denoiser.pixels, 0, &pixels[first..end]);
+        gpu.write(&denoiser.means.pixels, 0, &pixels[first..end]);
         let mut frame = Frame::new(gpu, false);
         denoiser.record(&mut frame, &window).unwrap();
         frame.submit().unwrap();
@@ -51,7 +51,7 @@ fn filtered(gpu: &Gpu, pixels: &[Noisy], rows: u32) -> Vec<f32> {
     }
     let light = picture.iter().zip(pixels);
     light
-        .map(|(radiance, pixel)| radiance[0] / pixel.albedo[0])
+        .map(|(radiance, pixel)| radiance[0] / pixel.guide[0])
         .collect()
 }
 
@@ -76,7 +76,7 @@ fn noise_goes_and_edges_stay() {
     type Mark = fn(&mut Noisy);
     let marks: [Mark; 3] = [
         |pixel| pixel.normal = 0x007f_0000,
-        |pixel| pixel.albedo = [0.2; 3],
+        |pixel| pixel.guide = [0.2; 3],
         |pixel| pixel.depth = 2.0,
     ];
     for (index, mark) in marks.into_iter().enumerate() {
@@ -124,5 +124,5 @@ fn windows_do_not_show() {
     let whole = filtered(&gpu, &pixels, SIZE[1]);
     assert_eq!(filtered(&gpu, &pixels, 27), whole);
     let denoiser = Denoiser::with_rows(&gpu, SIZE, 27).unwrap();
-    assert_eq!(denoiser.windows().count(), 4);
+    assert_eq!(denoiser.means.windows().count(), 4);
 }

@@ -35,7 +35,7 @@ impl PathTracer {
         let kernel =
             Kernel::with_options(gpu, &shader!("reference.noisy"), "main", None, &options)?;
         let mut radiance = Vec::with_capacity(3 * width as usize * height as usize);
-        for window in denoiser.windows() {
+        for window in denoiser.means.windows() {
             let mut frame = Frame::new(gpu, false);
             let rows = WindowUniform {
                 first: window.read.start,
@@ -56,7 +56,7 @@ impl PathTracer {
                     ("light_film", photons),
                     ("features", features),
                     ("window", &rows),
-                    ("target_pixels", &denoiser.pixels),
+                    ("target_pixels", &denoiser.means.pixels),
                 ];
                 let invocations = [tile.size[0], tile.size[1], 1];
                 frame.compute("path-tracer.noisy", |pass| {

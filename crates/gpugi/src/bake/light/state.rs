@@ -16,6 +16,8 @@ pub struct TexelPart {
     pub(in crate::bake) samples: Range<u32>,
     /// Per captured texel: sum of the samples, and their number in a.
     pub(in crate::bake) sums: Vec<[f32; 4]>,
+    /// Sums of their squares, if the bake is denoised.
+    pub(in crate::bake) squares: Vec<[f32; 3]>,
     /// States of the captured texels, as [`LeakTest::map`](crate::capture::atlas::LeakTest::map) makes them.
     pub(in crate::bake) leak_map: Vec<[u8; 4]>,
 }
@@ -41,11 +43,13 @@ pub(in crate::bake) struct LitRows {
 }
 
 impl TexelPart {
-    /// Whether it has `texels` texels, only finite sums, and as many samples in each as there can be.
-    pub(in crate::bake) fn is_sound(&self, texels: usize) -> bool {
+    /// Whether it has `texels` texels, only finite sums, as many samples in each as there can be, and squares if asked for.
+    pub(in crate::bake) fn is_sound(&self, texels: usize, has_squares: bool) -> bool {
         self.sums.len() == texels
+            && self.squares.len() == if has_squares { texels } else { 0 }
             && self.leak_map.len() == texels
             && are_sums(&self.sums, self.samples.len())
+            && are_squares(&self.squares)
     }
 }
 
@@ -54,6 +58,12 @@ pub(in crate::bake) fn are_sums(sums: &[[f32; 4]], samples: usize) -> bool {
     let counts = 0.0..=samples as f32;
     let mut sums = sums.iter();
     sums.all(|sum| sum.iter().all(|value| value.is_finite()) && counts.contains(&sum[3]))
+}
+
+/// Whether these may be sums of squares.
+pub(in crate::bake) fn are_squares(sums: &[[f32; 3]]) -> bool {
+    let mut values = sums.iter().flatten();
+    values.all(|value| value.is_finite() && *value >= 0.0)
 }
 
 impl LitRows {

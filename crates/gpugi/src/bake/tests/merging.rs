@@ -176,9 +176,10 @@ fn unsound_light_is_refused() {
         tile: 1,
         samples: 2..3,
         sums: vec![[1.0; 4]; texels],
+        squares: Vec::new(),
         leak_map: vec![[0; 4]; texels],
     };
-    let unsound: [fn(&mut TexelPart); 9] = [
+    let unsound: [fn(&mut TexelPart); 10] = [
         |part| part.tile = 1000,
         |part| part.tile = u32::MAX,
         |part| part.samples = 1..3,
@@ -188,6 +189,7 @@ fn unsound_light_is_refused() {
         |part| part.sums[3][1] = f32::NAN,
         |part| part.sums[3][3] = -1.0,
         |part| part.sums[3][3] = 2.0,
+        |part| part.squares = vec![[1.0; 3]; part.sums.len()],
     ];
     let tiles = bake.tiles();
     for (number, spoil) in unsound.into_iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use gpugi_scene::{AlphaMode, Atlas, Instance, InstanceUvs, Scene};
 
-use super::{AtlasCapture, AtlasCaptureOptions, Dilation, tiles};
+use super::{AtlasCapture, AtlasCaptureOptions, Dilation, HALO, tiles};
 use crate::capture::Target;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, read_buffer};
 use crate::scene::GpuScene;
@@ -29,7 +29,7 @@ pub fn alpha(gpu: &Gpu, scene: &Scene, atlas: &Atlas) -> Result<Option<Vec<f32>>
     let shader = shader!("capture.atlas.alpha");
     let kernel = Kernel::new(gpu, &shader, "main", Some(&on_gpu.layout))?;
     let mut image = Vec::new();
-    for tile in tiles(gpu, atlas, TEXELS_AT_ONCE)? {
+    for tile in tiles(gpu, atlas, TEXELS_AT_ONCE, HALO)? {
         let options = AtlasCaptureOptions {
             rows: Some(tile.captured.clone()),
             ..AtlasCaptureOptions::default()

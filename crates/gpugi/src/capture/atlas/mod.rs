@@ -393,11 +393,17 @@ impl Tile {
     }
 }
 
-/// Splits the rows of an atlas into tiles of at most `most_texels`: whole pages where they fit.
+/// Splits the rows of an atlas into tiles of at most `most_texels`: whole pages where they fit; where a page is cut, with
+/// `halo` rows around.
 ///
 /// # Errors
 /// [`GpuError::TooLarge`].
-pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Tile>, GpuError> {
+pub(crate) fn tiles(
+    gpu: &Gpu,
+    atlas: &Atlas,
+    most_texels: u32,
+    halo: u32,
+) -> Result<Vec<Tile>, GpuError> {
     let all = rows_of(gpu, atlas)?;
     // At least one row, however many texels it has.
     let pieces = cut(gpu, atlas.size, all.clone(), most_texels.max(atlas.size))?;
@@ -409,12 +415,12 @@ pub(crate) fn tiles(gpu: &Gpu, atlas: &Atlas, most_texels: u32) -> Result<Vec<Ti
     if pieces.len() < 2 || step % atlas.size == 0 {
         return Ok(pieces.into_iter().map(whole).collect());
     }
-    let step = step.saturating_sub(2 * HALO).max(1);
+    let step = step.saturating_sub(2 * halo).max(1);
     let firsts = all.clone().step_by(step as usize);
     let tile = |first: u32| {
         let rows = first..first.saturating_add(step).min(all.end);
         Tile {
-            captured: rows.start.saturating_sub(HALO)..rows.end.saturating_add(HALO).min(all.end),
+            captured: rows.start.saturating_sub(halo)..rows.end.saturating_add(halo).min(all.end),
             rows,
         }
     };
