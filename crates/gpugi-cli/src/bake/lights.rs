@@ -1,7 +1,7 @@
 //! Which techniques light what is baked: by what they are for, need and cost.
 
 use gpugi::gpu::Gpu;
-use gpugi::techniques::{Cost, Info, Registry, Role};
+use gpugi::techniques::{Cost, Info, Registry, Role, Speed};
 use gpugi::{Purpose, default_set};
 use gpugi_scene::Scene;
 
@@ -12,7 +12,7 @@ use crate::Usage;
 pub enum Part {
     /// Light straight from lights, and caustics of mirrors and glass
     Direct,
-    /// Light reflected between diffuse surfaces (radiosity)
+    /// Light reflected between surfaces (radiosity; in software path-tracing)
     Indirect,
 }
 
@@ -21,11 +21,21 @@ pub struct Lights {
     pub names: Vec<String>,
     /// Whether direct light is only an input to indirect light and is not baked itself.
     pub only_indirect: bool,
+    /// Whether paths find the light unasked: then their noise is filtered, and there are as many samples as that takes.
+    pub is_traced: bool,
 }
 
 impl Lights {
-    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty.
-    pub fn new(gpu: &Gpu, scene: &Scene, named: &[String], parts: &[Part]) -> Self {
+    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software, paths find indirect
+    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: they err less
+    /// for their time there (docs/bake.md).
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        named: &[String],
+        parts: &[Part],
+        settings: &[String],
+    ) -> Self {
         let is_light = |name: &&String| role_of(name) != Some(Role::Factor);
         let mut names: Vec<String> = named.iter().filter(is_light).cloned().collect();
         let all = [Part::Direct, Part::Indirect];
@@ -34,22 +44,44 @@ impl Lights {
         } else {
             parts
         };
+        let has_indirect = parts.contains(&Part::Indirect);
         let only_indirect = names.is_empty() && parts == [Part::Indirect];
+        let asks = |setting: &String| {
+            let technique = setting.split('.').next().unwrap_or_default();
+            let by_paths = [Role::Everything, Role::Caustics, Role::Factor];
+            role_of(technique).is_some_and(|role| !by_paths.contains(&role))
+        };
+        let is_traced = names.is_empty()
+            && has_indirect
+            && scene.media.is_empty()
+            && Speed::of(&gpu.adapter) == Speed::Software
+            && !settings.iter().any(asks);
+        let with_direct = match is_traced && parts.contains(&Part::Direct) {
+            true => |role| role == Role::Caustics,
+            false => is_direct,
+        };
         if !parts.is_empty() {
             let best = default_set(scene, &gpu.adapter, Purpose::Bake, &Registry::default());
             let best = best.names().into_iter();
-            names.extend(best.filter(|name| role_of(name).is_some_and(is_direct)));
+            names.extend(best.filter(|name| role_of(name).is_some_and(with_direct)));
         }
-        if parts.contains(&Part::Indirect) {
-            let in_texels = baked().into_iter().find(|info| {
+        if has_indirect {
+            let adds = |info: &&Info| match is_traced {
+                true => info.role == Role::Everything,
                 // Texels are laid out in any case.
-                info.role == Role::Indirect && info.needs.texels
-            });
-            names.extend(in_texels.map(|info| info.name.to_owned()));
+                false => info.role == Role::Indirect && info.needs.texels,
+            };
+            names.extend(
+                baked()
+                    .into_iter()
+                    .find(adds)
+                    .map(|info| info.name.to_owned()),
+            );
         }
         Self {
             names,
             only_indirect,
+            is_traced,
         }
     }
 }
@@ -70,6 +102,11 @@ pub fn in_volumes() -> Vec<&'static str> {
 pub fn role_of(name: &str) -> Option<Role> {
     let found = baked().into_iter().find(|info| info.name == name);
     found.map(|info| info.role)
+}
+
+/// Names of the techniques whose light differs from texel to texel by chance, so that filters find their noise.
+pub fn noisy() -> Vec<&'static str> {
+    names(baked().into_iter().filter(|info| info.is_noisy))
 }
 
 /// Refuses techniques that are not baked into texels.

@@ -25,6 +25,10 @@ use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 
+/// Samples per texel, and where paths find the light unasked.
+const SAMPLES: u32 = 16;
+const TRACED_SAMPLES: u32 = 64;
+
 /// How a file stores light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Mode {
@@ -68,10 +72,10 @@ pub struct SceneOptions {
     /// Parts of light, separated by commas (default: both, unless techniques are given)
     #[arg(long, value_name = "PART,...", value_delimiter = ',')]
     include: Vec<Part>,
-    /// Samples per texel
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    samples: u32,
-    /// Filter the noise of path-tracing out of the texels (docs/denoising.md)
+    /// Samples per texel (default: 16; in software, where paths find the light unless a technique is named, 64)
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: Option<u32>,
+    /// Filter the noise of path-tracing out of the texels (docs/denoising.md); always on where paths find the light unasked
     #[arg(long)]
     denoise: bool,
     /// Seed of all random numbers
@@ -137,6 +141,17 @@ pub fn run(
     let original = scene;
     let (scene, turned) = original.with_lit_fronts();
     let gpu = Gpu::open(&common.adapter)?;
+    let lights = Lights::new(&gpu, &scene, techniques, &options.include, &settings);
+    if options.denoise
+        && !lights
+            .names
+            .iter()
+            .any(|name| lights::noisy().contains(&&**name))
+    {
+        let noisy = lights::noisy().join(", ");
+        let message = format!("--denoise: filters the noise of {noisy}, which is not baked");
+        return Err(Usage(message).into());
+    }
     interrupt::catch();
     let mut work = begin(
         common,
@@ -147,7 +162,6 @@ pub fn run(
     )?;
     let mut atlas = work.done.atlas.clone();
     notes.extend(too_thin(atlas.slivers(&scene)));
-    let lights = Lights::new(&gpu, &scene, techniques, &options.include);
     if !lights.names.is_empty() {
         leave_out(&scene, &mut atlas, options.bake_mode, options.lobes);
     }
@@ -181,9 +195,12 @@ pub fn run(
                 (_, Lobes::Diffuse) => Quantity::Diffuse,
                 (_, Lobes::All) => Quantity::All,
             },
-            samples: options.samples,
+            samples: options.samples.unwrap_or(match lights.is_traced {
+                true => TRACED_SAMPLES,
+                false => SAMPLES,
+            }),
             seed: options.seed,
-            denoises: options.denoise,
+            denoises: options.denoise || lights.is_traced,
             memory: u64::from(options.memory) << 20,
             ..LightOptions::default()
         };

@@ -370,6 +370,19 @@ fn a_baked_scene_looks_as_it_is_lit() {
     let error = number(&compared);
     println!("all light: {compared}");
     assert!(error < 0.01, "{compared}");
+    // The default, which in software is paths; and paths on every adapter.
+    for (unasked, named) in [
+        ("default", &[][..]),
+        ("paths", &["--technique", "path-tracing", "--denoise"]),
+    ] {
+        let options = ["--atlas-size", "128", "--samples", "24"];
+        run(&[&bake[..], &options, named].concat());
+        let shining = picture(&baked, "environment-map", "unasked.exr");
+        let compared = run(&["compare", &shining, &truth, "--metric", "rel-mse-4"]);
+        let error = number(&compared);
+        println!("{unasked}: {compared}");
+        assert!(error < 0.01, "{unasked}: {compared}");
+    }
 
     let few = ["--atlas-size", "64", "--samples", "1"];
     for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "lightmap")] {
@@ -560,6 +573,17 @@ fn bakes_that_cannot_be_are_refused() {
         (
             vec!["cornell", "-o", &output, "--technique", "radiance"],
             "shadow-map",
+        ),
+        (
+            vec![
+                "cornell",
+                "-o",
+                &output,
+                "--technique",
+                "radiosity",
+                "--denoise",
+            ],
+            "path-tracing",
         ),
         (vec!["nowhere", "-o", &output], "nowhere"),
         (

@@ -110,6 +110,7 @@ fn a_bake_goes_on_as_if_it_had_not_been_stopped() {
     }
 }
 
+mod denoising;
 mod merging;
 
 /// Less memory means more tiles but the same light, also beside charts that a tile boundary cuts.

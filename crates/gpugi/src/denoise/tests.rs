@@ -1,6 +1,6 @@
 //! The filter on pictures whose noise is known.
 
-use super::filter::{Denoiser, Noisy};
+use super::filter::{Denoiser, Noisy, NonLocalMeans};
 use crate::gpu::{Frame, Gpu, read_buffer};
 use crate::testing::test_gpu;
 
@@ -125,4 +125,80 @@ fn windows_do_not_show() {
     assert_eq!(filtered(&gpu, &pixels, 27), whole);
     let denoiser = Denoiser::with_rows(&gpu, SIZE, 27).unwrap();
     assert_eq!(denoiser.means.windows().count(), 4);
+}
+
+/// Texels 0.1 m apart, in the same order as the pixels, all on one surface.
+fn texels(right: f32) -> Vec<Noisy> {
+    let mut texels = picture(right);
+    for (index, texel) in texels.iter_mut().enumerate() {
+        let [x, y] = [index as u32 % SIZE[0], index as u32 / SIZE[0]].map(|at| at as f32 * 0.1);
+        (texel.guide, texel.depth, texel.surface) = ([x, y, 0.0], 0.1, 1);
+    }
+    texels
+}
+
+fn filtered_texels(gpu: &Gpu, texels: &[Noisy]) -> Vec<f32> {
+    let means = NonLocalMeans::of_texels(gpu, SIZE).unwrap();
+    gpu.write(&means.pixels, 0, texels);
+    let mut frame = Frame::new(gpu, false);
+    means.record_all(&mut frame).unwrap();
+    frame.submit().unwrap();
+    let sums = read_buffer::<[f32; 4]>(gpu, &means.sums, means.sums.size()).unwrap();
+    sums.iter().map(|sum| sum[0] / sum[3]).collect()
+}
+
+/// A difference that noise hides leaks across one surface, but neither to another one nor to another place.
+#[test]
+fn texels_take_nothing_from_other_surfaces() {
+    let Some(gpu) = test_gpu() else { return };
+    let is_right = |index: usize| index as u32 % SIZE[0] >= SIZE[0] / 2;
+    // Of the columns beside the border.
+    let leak = |filtered: &[f32]| {
+        let beside = |column: u32| {
+            let column = filtered
+                .iter()
+                .skip(column as usize)
+                .step_by(SIZE[0] as usize);
+            column.sum::<f32>() / SIZE[1] as f32
+        };
+        beside(SIZE[0] / 2 - 1) - 0.5 + 0.65 - beside(SIZE[0] / 2)
+    };
+    let one = leak(&filtered_texels(&gpu, &texels(0.65)));
+    assert!(one > 0.06, "{one}");
+    type Mark = fn(&mut Noisy);
+    let marks: [Mark; 3] = [
+        |texel| texel.surface = 2,
+        |texel| texel.guide[2] = 30.0,
+        |texel| texel.normal = 0x007f_0000,
+    ];
+    for (number, mark) in marks.into_iter().enumerate() {
+        let mut apart = texels(0.65);
+        let right = apart
+            .iter_mut()
+            .enumerate()
+            .filter(|(index, _)| is_right(*index));
+        right.for_each(|(_, texel)| mark(texel));
+        let leak = leak(&filtered_texels(&gpu, &apart));
+        assert!(leak.abs() < 0.03, "{number}: {leak}");
+    }
+}
+
+/// Beside empty texels, noise goes as well as elsewhere, and their black goes nowhere.
+#[test]
+fn empty_texels_tell_nothing() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut holed = texels(0.5);
+    let is_hole = |index: usize| (index as u32 % SIZE[0]) % 8 >= 5;
+    for (index, texel) in holed.iter_mut().enumerate() {
+        if is_hole(index) {
+            *texel = bytemuck::Zeroable::zeroed();
+        }
+    }
+    let after = filtered_texels(&gpu, &holed);
+    let left: Vec<f32> = (after.iter().enumerate())
+        .filter(|(index, _)| !is_hole(*index))
+        .map(|(_, light)| (light - 0.5).powi(2))
+        .collect();
+    let error = left.iter().sum::<f32>() / left.len() as f32;
+    assert!(error < SIGMA * SIGMA / 20.0, "{error}");
 }
