@@ -27,8 +27,8 @@ pub struct Lights {
 
 impl Lights {
     /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software, paths find indirect
-    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: they err less
-    /// for their time there (docs/bake.md).
+    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: there, they take a
+    /// twentieth of the time or less (docs/bake.md).
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -65,7 +65,10 @@ impl Lights {
             let best = best.names().into_iter();
             names.extend(best.filter(|name| role_of(name).is_some_and(with_direct)));
         }
-        if has_indirect {
+        let is_indirect = |name: &String| {
+            role_of(name).is_some_and(|role| [Role::Indirect, Role::Everything].contains(&role))
+        };
+        if has_indirect && !names.iter().any(is_indirect) {
             let adds = |info: &&Info| match is_traced {
                 true => info.role == Role::Everything,
                 // Texels are laid out in any case.

@@ -56,6 +56,16 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         let message = format!("--edit {edit}: a bake is of the scene as its file has it");
         return Err(Usage(message).into());
     }
+    let alone = [
+        environment_map::INFO.name,
+        radiance_transfer::INFO.name,
+        light_path_map::INFO.name,
+    ];
+    let is_alone = matches!(&arguments.technique[..], [name] if alone.contains(&&**name));
+    if arguments.options.denoise && (is_alone || arguments.irradiance_volume.is_some()) {
+        let message = "--denoise: filters the light of texels, which is not baked";
+        return Err(Usage(message.into()).into());
+    }
     if let Some(density) = arguments.irradiance_volume {
         return volume::run(common, arguments, density);
     }

@@ -77,7 +77,7 @@ pub struct SceneOptions {
     samples: Option<u32>,
     /// Filter the noise of path-tracing out of the texels (docs/denoising.md); always on where paths find the light unasked
     #[arg(long)]
-    denoise: bool,
+    pub denoise: bool,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 0)]
     seed: u32,
@@ -134,6 +134,10 @@ pub fn run(
     let (effects, settings) = (options.display).effects(Effects::default(), settings)?;
     if (options.bake_mode, options.lobes) == (Mode::Lightmap, Lobes::All) {
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
+        return Err(Usage(message.into()).into());
+    }
+    if options.denoise && options.samples == Some(1) {
+        let message = "--denoise: one sample does not tell its noise";
         return Err(Usage(message.into()).into());
     }
     lights::check(techniques)?;

@@ -133,6 +133,7 @@ fn texels(right: f32) -> Vec<Noisy> {
     for (index, texel) in texels.iter_mut().enumerate() {
         let [x, y] = [index as u32 % SIZE[0], index as u32 / SIZE[0]].map(|at| at as f32 * 0.1);
         (texel.guide, texel.depth, texel.surface) = ([x, y, 0.0], 0.1, 1);
+        texel.normal = 0x007f_0000;
     }
     texels
 }
@@ -166,10 +167,11 @@ fn texels_take_nothing_from_other_surfaces() {
     let one = leak(&filtered_texels(&gpu, &texels(0.65)));
     assert!(one > 0.06, "{one}");
     type Mark = fn(&mut Noisy);
-    let marks: [Mark; 3] = [
+    let marks: [Mark; 4] = [
         |texel| texel.surface = 2,
-        |texel| texel.guide[2] = 30.0,
-        |texel| texel.normal = 0x007f_0000,
+        |texel| texel.guide[1] += 30.0,
+        |texel| texel.guide[2] = 0.8,
+        |texel| texel.normal = 0x0000_007f,
     ];
     for (number, mark) in marks.into_iter().enumerate() {
         let mut apart = texels(0.65);

@@ -7,8 +7,9 @@ use crate::capture::SurfacePoints;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, read_buffer};
 use crate::shader;
 
-/// GPU memory per texel while samples are taken, and while texels are filtered (bytes).
+/// GPU memory per texel while samples are taken (bytes).
 pub const SPREAD_BYTES: u64 = size_of::<Spread>() as u64;
+/// The same while texels are filtered: `Noisy`, sums, and the squares on their way to the GPU.
 pub const FILTER_BYTES: u64 = NOISY_BYTES + 32;
 
 /// `Spread` of denoise/spread.wesl.

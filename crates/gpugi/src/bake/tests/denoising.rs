@@ -122,3 +122,48 @@ fn denoised_bakes_go_on_and_merge() {
     }
     assert!(merged.finish() == whole);
 }
+
+/// Sums of squares that are missing, or that no samples have.
+#[test]
+fn unsound_squares_are_refused() {
+    let Some(gpu) = test_gpu() else { return };
+    let (scene, atlas) = room();
+    let new = || traced(&gpu, (&scene, &atlas), Quantity::Diffuse, (3, 2, true));
+    let texels = (SIZE * SIZE * atlas.pages) as usize;
+    let whole = |samples| TexelPart {
+        tile: 0,
+        samples,
+        sums: vec![[1.0; 4]; texels],
+        squares: vec![[1.0; 3]; texels],
+        leak_map: vec![[0; 4]; texels],
+    };
+    let state = |part: &TexelPart| LightState {
+        done: vec![None],
+        unfinished: Some(part.clone()),
+        ..LightState::default()
+    };
+    let sound = whole(0..1);
+    new().resume(state(&sound)).unwrap();
+    let unsound: [fn(&mut TexelPart); 4] = [
+        |part| part.squares.clear(),
+        |part| part.squares.truncate(7),
+        |part| part.squares[3][1] = f32::NAN,
+        |part| part.squares[3][1] = -1.0,
+    ];
+    for (number, spoil) in unsound.into_iter().enumerate() {
+        let mut part = sound.clone();
+        spoil(&mut part);
+        assert!(new().resume(state(&part)).is_err(), "{number}");
+    }
+    // The sum of two finite parts.
+    let parts = [0..2, 2..3].map(|samples| TexelPart {
+        squares: vec![[f32::MAX; 3]; texels],
+        ..whole(samples)
+    });
+    let parts = LightState {
+        done: vec![None],
+        parts: parts.to_vec(),
+        ..LightState::default()
+    };
+    assert!(new().resume(parts).is_err());
+}
