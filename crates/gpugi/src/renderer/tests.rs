@@ -301,6 +301,8 @@ fn frames_that_never_wait_wait_for_no_shaders() {
                     break;
                 }
             }
+            // Small cubes, where a technique has some: they decide how long its maps take.
+            renderer.set(name, "cube-resolution", "16").ok();
         }
         renderer.set_budget(Budget::units(200_000));
         let mut settings = vec![setting];
