@@ -117,10 +117,12 @@ impl Picture {
     }
 }
 
-/// The techniques of a live view that add direct light, and what mirrors and glass make of it.
+/// The techniques of a live view that add direct light, and what mirrors and glass make of it, where no paths are traced.
 pub fn direct(gpu: &Gpu, scene: &Scene) -> Vec<String> {
     let registry = Registry::default();
-    let mut names = default_set(scene, &gpu.adapter, Purpose::LiveView, &registry).names();
+    let mut adapter = gpu.adapter.clone();
+    adapter.device_type = wgpu::DeviceType::IntegratedGpu;
+    let mut names = default_set(scene, &adapter, Purpose::LiveView, &registry).names();
     names.retain(|name| name != "final-gather");
     names
 }
