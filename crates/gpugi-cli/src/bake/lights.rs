@@ -27,8 +27,8 @@ pub struct Lights {
 
 impl Lights {
     /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software, paths find indirect
-    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: there, they take a
-    /// twentieth of the time or less (docs/bake.md).
+    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: on small pages, they
+    /// take a tenth of the time for about the same error (docs/bake.md).
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
