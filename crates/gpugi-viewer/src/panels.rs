@@ -302,6 +302,7 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
     CollapsingHeader::new("Truth").show(ui, |ui| {
         if session.loaded().set.is_path_tracer() {
             ui.weak("the path tracer lights the whole picture");
+            denoises(ui, session);
             ui.label(traced(session));
             return;
         }
@@ -333,11 +334,17 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
             }
             _ => {}
         }
+        denoises(ui, session);
         ui.label(match session.reference() {
             Some(_) => traced(session),
             None => "the path tracer begins when nothing moves".to_owned(),
         });
     });
+}
+
+fn denoises(ui: &mut Ui, session: &mut Session) {
+    let help = "Filter the noise out of what is seen. Saved pictures are not filtered";
+    ui.checkbox(&mut session.denoises_truth, "denoise").on_hover_text(help);
 }
 
 /// How far the path tracer is.

@@ -137,6 +137,8 @@ pub struct Session {
     truth: Option<Truth>,
     /// Samples that the path tracer takes per pixel beside the picture.
     pub truth_samples: u32,
+    /// Whether the noise of the path tracer's picture is filtered out of what is shown; never out of what is saved.
+    pub denoises_truth: bool,
     /// Wakes the window when the truth begins.
     wake: Arc<dyn Fn() + Send + Sync>,
     readiness: Readiness,
@@ -213,6 +215,7 @@ impl Session {
             compared: None,
             truth: None,
             truth_samples: 1024,
+            denoises_truth: true,
             wake: Arc::new(wake),
             readiness: Readiness::Refining { progress: 0.0 },
             picture: None,
@@ -259,6 +262,7 @@ impl Session {
             quantity: self.quantity,
             compared: self.compared,
             truth_samples: self.truth_samples,
+            denoises_truth: self.denoises_truth,
             finish: self.finish,
             game: self.game,
             ..Self::new(gpu, loaded, self.first, wake)?

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use gpugi::LightingError;
 use gpugi::gpu::{Gpu, GpuError};
 use gpugi::picture::Comparison;
-use gpugi::reference::{PathTracer, Progress, Settings};
+use gpugi::reference::{ImageFilter, PathTracer, Progress, Settings};
 use gpugi_scene::{Camera, Document};
 
 use crate::task::{Task, compiled};
@@ -16,6 +16,10 @@ use crate::task::{Task, compiled};
 const PIECE_SECONDS: f32 = 0.1;
 /// Fewest and most rays of a piece. The fewest keep the path tracer going where something else makes frames slow.
 const RAYS: [u64; 2] = [1 << 14, 1 << 26];
+/// Rays that take about as long as the filter of a pixel.
+const RAYS_OF_FILTER: u64 = 32;
+/// A picture is filtered again when it has this many times the samples.
+const FILTERED_AGAIN: f32 = 1.25;
 
 /// A picture to be traced.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,12 +32,14 @@ pub struct View {
     pub size: [u32; 2],
     /// Samples per pixel after which it is done.
     pub samples: u32,
+    /// Whether its noise is filtered out of what is shown.
+    pub is_denoised: bool,
 }
 
 impl View {
     /// Whether the other is the same but for the number of samples.
     fn is_like(&self, other: &Self) -> bool {
-        let of = |view: &Self| (view.revision, view.size);
+        let of = |view: &Self| (view.revision, view.size, view.is_denoised);
         of(self) == of(other) && self.camera == other.camera
     }
 }
@@ -50,7 +56,15 @@ pub struct Reference {
 }
 
 /// A path tracer on its way, or why there is none.
-type Making = Task<Result<PathTracer, String>>;
+type Making = Task<Result<(PathTracer, ImageFilter), String>>;
+
+/// The filter of a picture.
+struct Filtering {
+    filter: ImageFilter,
+    /// Samples that the picture has at least that it filters, or has filtered.
+    samples: u32,
+    is_at_work: bool,
+}
 
 /// The path tracer at work.
 pub struct Truth {
@@ -65,6 +79,8 @@ pub struct Truth {
     view: Option<View>,
     progress: Option<Progress>,
     reference: Option<Reference>,
+    /// Kept from picture to picture, so that its shaders are.
+    filtering: Option<Filtering>,
     /// Rays of the next piece.
     rays: u64,
     /// Time since the last piece (s).
@@ -88,6 +104,7 @@ impl Truth {
             view: None,
             progress: None,
             reference: None,
+            filtering: None,
             rays: RAYS[0],
             waited: 0.0,
             traced: 0.0,
@@ -133,7 +150,13 @@ impl Truth {
                 pass: "path-tracer".into(),
                 reason,
             };
-            self.tracer = Some((made.map_err(failed)?, *revision));
+            let (tracer, filter) = made.map_err(failed)?;
+            self.tracer = Some((tracer, *revision));
+            self.filtering = Some(Filtering {
+                filter,
+                samples: 0,
+                is_at_work: false,
+            });
             (self.making, self.view) = (None, None);
         }
         let Some((mut tracer, mut revision)) = self.tracer.take() else {
@@ -160,6 +183,9 @@ impl Truth {
             tracer.restart(0)?;
             (self.progress, self.traced) = (None, 0.0);
             self.view = Some(view.clone());
+            if let Some(filtering) = &mut self.filtering {
+                (filtering.samples, filtering.is_at_work) = (0, false);
+            }
         } else {
             self.traced += seconds;
         }
@@ -180,23 +206,59 @@ impl Truth {
         if is_better && before == 0 {
             self.first_sample = Some(self.traced);
         }
-        if is_better {
-            let size = tracer.size();
+        if let Some(reference) = &mut self.reference {
+            reference.noise = progress.noise.or(reference.noise);
+        }
+        let is_new = self.show(&tracer, is_better, view.is_denoised)?;
+        self.tracer = Some((tracer, revision));
+        Ok(is_new)
+    }
+
+    /// Shows the picture so far, if it is better than before, or the next rows of it filtered. What has one sample is not
+    /// filtered, and neither is the next picture until its first rows are. Returns whether there is anything new to see.
+    fn show(
+        &mut self,
+        tracer: &PathTracer,
+        is_better: bool,
+        is_denoised: bool,
+    ) -> Result<bool, LightingError> {
+        let (gpu, size, samples) = (&self.gpu, tracer.size(), tracer.samples());
+        let filtering = self.filtering.as_mut().filter(|_| is_denoised);
+        let is_filtered = filtering.is_some() && samples > 1;
+        if is_better && (!is_filtered || self.reference.is_none()) {
             let comparison = match self.reference.take() {
                 Some(reference) if reference.comparison.size() == size => reference.comparison,
-                Some(reference) => reference.comparison.resized(&self.gpu, size)?,
-                None => Comparison::new(&self.gpu, size)?,
+                Some(reference) => reference.comparison.resized(gpu, size)?,
+                None => Comparison::new(gpu, size)?,
             };
             tracer.show(&comparison)?;
             self.reference = Some(Reference {
                 comparison,
-                samples: progress.samples,
-                noise: progress.noise,
+                samples,
+                noise: self.progress.and_then(|progress| progress.noise),
             });
-        } else if let Some(reference) = &mut self.reference {
-            reference.noise = progress.noise.or(reference.noise);
         }
-        self.tracer = Some((tracer, revision));
+        let (Some(filtering), Some(reference)) = (filtering, &mut self.reference) else {
+            return Ok(is_better);
+        };
+        if !is_filtered {
+            return Ok(is_better);
+        }
+        reference.samples = samples;
+        let is_complete = self.progress.is_some_and(|progress| progress.fraction == 1.0);
+        let enough = match is_complete {
+            true => filtering.samples + 1,
+            false => (filtering.samples as f32 * FILTERED_AGAIN).ceil() as u32,
+        };
+        if !filtering.is_at_work && samples >= enough.max(2) {
+            let pixels = (self.rays / RAYS_OF_FILTER).min(u64::from(u32::MAX)) as u32;
+            filtering.filter = tracer.filter_in_steps(pixels)?;
+            (filtering.samples, filtering.is_at_work) = (samples, true);
+        }
+        if filtering.is_at_work {
+            filtering.is_at_work = filtering.filter.show_next(tracer, &reference.comparison)?;
+            return Ok(true);
+        }
         Ok(is_better)
     }
 
@@ -208,10 +270,16 @@ impl Truth {
         let done = move || wake();
         let task = Task::start("path-tracer", done, move |stage| async move {
             stage.set("uploading").await;
-            let tracer = PathTracer::new(&gpu, &scene, size, &settings);
-            let tracer = tracer.map_err(|error| error.to_string())?;
+            let made = || {
+                let mut tracer = PathTracer::new(&gpu, &scene, size, &settings)?;
+                tracer.keep_features()?;
+                // Few pixels: until its size is known, only its shaders count.
+                let filter = tracer.filter_in_steps(1)?;
+                Ok::<_, LightingError>((tracer, filter))
+            };
+            let (tracer, filter) = made().map_err(|error| error.to_string())?;
             compiled(&gpu, &stage, || tracer.is_compiling()).await;
-            Ok(tracer)
+            Ok((tracer, filter))
         });
         self.making = Some((task, view.revision));
     }
@@ -243,7 +311,10 @@ impl Truth {
         let is_complete = self
             .progress
             .is_some_and(|progress| progress.fraction == 1.0);
-        self.is_broken || (self.tracer(view).is_some() && is_complete)
+        let is_filtered = !view.is_denoised || self.filtering.as_ref().is_none_or(|filtering| {
+            !filtering.is_at_work && (view.samples < 2 || filtering.samples >= view.samples)
+        });
+        self.is_broken || (self.tracer(view).is_some() && is_complete && is_filtered)
     }
 }
 
@@ -297,6 +368,7 @@ mod tests {
             camera: scene.cameras[0].clone(),
             size: [16, 12],
             samples: 4,
+            is_denoised: false,
         };
         traced(&mut truth, &document, &view);
         let mut scenes = vec![scene];
@@ -349,6 +421,7 @@ mod tests {
             camera: scene.cameras[0].clone(),
             size: [16, 12],
             samples: 8,
+            is_denoised: false,
         };
         let mut second = first.clone();
         second.camera.world_from_view.w_axis.x += 0.1;

@@ -12,7 +12,7 @@ use crate::Usage;
 pub enum Part {
     /// Light straight from lights, and caustics of mirrors and glass
     Direct,
-    /// Light reflected between surfaces (radiosity; in software path-tracing)
+    /// Light reflected between surfaces (path-tracing; on integrated GPUs radiosity)
     Indirect,
 }
 
@@ -26,9 +26,9 @@ pub struct Lights {
 }
 
 impl Lights {
-    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software, paths find indirect
-    /// light, and all light but caustics if direct light is baked as well, unless `settings` ask for others: on small pages, they
-    /// take a tenth of the time for about the same error (docs/bake.md).
+    /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software and on discrete GPUs,
+    /// paths find indirect light, and all light but caustics if direct light is baked as well, unless `settings` ask for others:
+    /// they take less time for the same error (docs/bake.md).
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
@@ -54,7 +54,8 @@ impl Lights {
         let is_traced = names.is_empty()
             && has_indirect
             && scene.media.is_empty()
-            && Speed::of(&gpu.adapter) == Speed::Software
+            // Nobody has measured on others.
+            && Speed::of(&gpu.adapter) != Speed::Modest
             && !settings.iter().any(asks);
         let with_direct = match is_traced && parts.contains(&Part::Direct) {
             true => |role| role == Role::Caustics,

@@ -72,7 +72,7 @@ pub struct SceneOptions {
     /// Parts of light, separated by commas (default: both, unless techniques are given)
     #[arg(long, value_name = "PART,...", value_delimiter = ',')]
     include: Vec<Part>,
-    /// Samples per texel (default: 16; 128 in software, where paths find the light unless a technique is named)
+    /// Samples per texel (default: 16; 128 where paths find the light, as they do on most adapters unless a technique is named)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
     /// Filter the noise of path-tracing out of the texels (docs/denoising.md); always on where paths find the light unasked

@@ -36,6 +36,7 @@ impl Session {
                 true => self.samples,
                 false => self.truth_samples,
             },
+            is_denoised: self.denoises_truth,
         }
     }
 

@@ -115,8 +115,8 @@ fn live_views_trace_paths_where_that_wins() {
         ("window-room", Some(&[paths])),
         ("spheres", Some(&[paths])),
         ("glass-room", Some(&[CAUSTICS, paths])),
-        ("room", None),
-        ("chamber", None),
+        ("room", Some(&[CAUSTICS, paths])),
+        ("chamber", Some(&[paths])),
         ("station", None),
     ] {
         let scene = builtin(name, 1).unwrap();

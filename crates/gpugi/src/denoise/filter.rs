@@ -74,13 +74,23 @@ impl NonLocalMeans {
 
     /// For pictures of `size` pixels.
     pub(super) fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
+        Self::in_steps(gpu, size, u32::MAX)
+    }
+
+    /// The same in windows that write about so many pixels.
+    fn in_steps(gpu: &Gpu, size: [u32; 2], pixels: u32) -> Result<Self, GpuError> {
         let limits = gpu.limits();
         let largest = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
-        let most = largest / (u64::from(size[0].max(1)) * NOISY_BYTES);
+        let width = size[0].max(1);
+        let most = largest / (u64::from(width) * NOISY_BYTES);
+        let rows = u64::from(pixels / width) + u64::from(2 * MARGIN);
         // One row at least is written; if its window is too large, its buffer says so.
-        let rows = u64::from(size[1]).min(most).max(u64::from(2 * MARGIN + 1));
+        let rows = rows
+            .min(u64::from(size[1]))
+            .min(most)
+            .max(u64::from(2 * MARGIN + 1));
         Self::with_rows(gpu, size, rows as u32, false)
     }
 
@@ -99,6 +109,11 @@ impl NonLocalMeans {
             pixels: storage("denoise.pixels [bytes]", NOISY_BYTES)?,
             sums: storage("denoise.sums [bytes]", 16)?,
         })
+    }
+
+    /// Width and height of the picture (pixels).
+    pub fn size(&self) -> [u32; 2] {
+        self.size
     }
 
     /// The windows that cover a picture.
@@ -172,6 +187,14 @@ impl Denoiser {
     /// [`GpuError::TooLarge`], [`GpuError::OutOfMemory`], [`GpuError::Pass`].
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Result<Self, GpuError> {
         Self::by(gpu, NonLocalMeans::new(gpu, size)?)
+    }
+
+    /// As [`Denoiser::new`], in windows that write about `pixels` pixels.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`].
+    pub fn in_steps(gpu: &Gpu, size: [u32; 2], pixels: u32) -> Result<Self, GpuError> {
+        Self::by(gpu, NonLocalMeans::in_steps(gpu, size, pixels)?)
     }
 
     /// As [`Denoiser::new`], in windows of no more than `rows` rows, which has to exceed `2 * MARGIN`.

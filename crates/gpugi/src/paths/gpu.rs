@@ -21,6 +21,9 @@ pub(crate) struct Parameters {
     pub sky_probability: f32,
     pub emission_classes: u32,
     pub solids: [u32; 4],
+    pub first_remembered: u32,
+    pub places_of_block: u32,
+    pub padding: [u32; 2],
 }
 
 /// `Lens` of paths/lens.wesl.

@@ -70,7 +70,7 @@ impl Kernels {
             plan: Kernel::new(gpu, &shader!("paths.plan"), "main", None)?,
             trace: hot(
                 shader!("paths.trace"),
-                &["HAS_PATH_FILTER", "LIGHT_TRACER_HAS_LAMPS"],
+                &["HAS_PATH_FILTER", "LIGHT_TRACER_HAS_LAMPS", "HAS_KNOWN_LIGHT"],
             )?,
             shade: hot(
                 shader!("paths.shade"),

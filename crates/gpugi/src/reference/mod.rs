@@ -26,6 +26,7 @@ mod wavefront;
 #[cfg(test)]
 mod wavefront_tests;
 
+pub use denoised::ImageFilter;
 pub use settings::Settings;
 
 use std::ops::ControlFlow;
@@ -739,6 +740,7 @@ impl PathTracer {
             sky_probability: self.lit.table.sky_probability,
             emission_classes: self.emission_classes,
             solids: self.around_eye,
+            ..bytemuck::Zeroable::zeroed()
         };
         self.gpu
             .write(&self.parameters, 0, std::slice::from_ref(&parameters));

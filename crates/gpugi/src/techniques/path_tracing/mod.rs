@@ -1,6 +1,7 @@
 //! Path tracing: at each point, a few paths look for all light that the techniques before this one leave out.
 //! docs/techniques/path-tracing.md.
 
+mod cache;
 mod default_set;
 mod passes;
 #[cfg(test)]
@@ -63,6 +64,8 @@ crate::settings! {
         /// Whether it adds light of lamps and the sky that mirrors and glass throw on other surfaces, unless a technique
         /// before it does. Paths find such light by chance: it is noisy.
         pub caustics: bool = true => any(),
+        /// Whether paths of live pictures end on light that earlier frames have found.
+        pub cache: bool = true => any(),
     }
 }
 
@@ -130,6 +133,9 @@ impl Technique for PathTracing {
             let filter = PathFilter::new(pattern).expect("a pattern");
             Passes::new(gpu, scene, &constants, &filter)
         })?;
+        if let Some(passes) = self.passes.get_mut() {
+            passes.settle(frame, scene.versions)?;
+        }
         Ok(Generated::FINAL)
     }
 

@@ -5,7 +5,8 @@ use bytemuck::Zeroable;
 use gpugi_scene::Image;
 
 use super::Settings;
-use crate::capture::Receiver;
+use super::cache::{Cache, places_of_block};
+use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::light_paths::{LightClass, PathFilter};
 use crate::paths::gpu::{EyeUniform, Header, Parameters};
@@ -49,6 +50,7 @@ impl Constants {
             ("HAS_TRANSMISSION", flag(passes_light)),
             ("HAS_STRAIGHT", flag(has_straight(scene.kept()))),
             ("HAS_PATH_FILTER", 1.0),
+            ("HAS_KNOWN_LIGHT", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
             scene.media_constant(),
         ];
@@ -114,12 +116,16 @@ pub struct Passes {
     add: Kernel,
     /// If there are ideal mirrors or glass.
     look: Option<Kernel>,
+    /// What kernels that process vertices are compiled with.
+    constants: Vec<(&'static str, f64)>,
     automaton: wgpu::Buffer,
     /// `trace` binds the eye, from which none of these paths begins.
     eye: wgpu::Buffer,
     arguments: wgpu::Buffer,
     /// `Pool` of paths/pool.wesl, and for how many paths.
     pool: Option<(u32, wgpu::Buffer)>,
+    /// Light of earlier frames, if live pictures have been lit.
+    cache: Option<Cache>,
 }
 
 impl Passes {
@@ -138,13 +144,13 @@ impl Passes {
         let add = shader!("techniques.path_tracing.add");
         // Rays are traced later.
         let of_vertices = constants.values.iter().copied();
-        let of_vertices: Vec<_> = of_vertices
+        let constants_of_vertices: Vec<_> = of_vertices
             .filter(|(name, _)| {
                 !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES", "HAS_MEDIA"].contains(name)
             })
             .collect();
         let of_vertices = KernelOptions {
-            constants: &of_vertices,
+            constants: &constants_of_vertices,
             ..KernelOptions::default()
         };
         Ok(Self {
@@ -159,6 +165,7 @@ impl Passes {
                 )?),
                 false => None,
             },
+            constants: constants_of_vertices.clone(),
             automaton: gpu.storage("path-tracing.automaton", &filter.automaton().words())?,
             eye: gpu.uniform("path-tracing.eye", &EyeUniform::zeroed())?,
             arguments: gpu.buffer(
@@ -167,6 +174,7 @@ impl Passes {
                 wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
             )?,
             pool: None,
+            cache: None,
         })
     }
 
@@ -197,7 +205,12 @@ impl Passes {
             .map(|side| side.div_ceil(BLOCK))
             .iter()
             .product::<u32>();
-        let of_block = BLOCK * BLOCK * settings.samples;
+        let remembers = settings.cache && receiver.target.is_noisy() && points.output == Output::RadianceToEye;
+        let places_of_block = match remembers {
+            true => places_of_block(),
+            false => 0,
+        };
+        let of_block = BLOCK * BLOCK * settings.samples + places_of_block;
         let most = most_paths.unwrap_or_else(|| most_paths_of(gpu));
         let (capacity, pool) = self.pool(gpu, (blocks * of_block).min(most).max(of_block))?;
         let blocks_at_once = most.min(capacity) / of_block;
@@ -215,6 +228,14 @@ impl Passes {
                 [points.count, 1, 1],
             )?;
         }
+        if remembers && self.cache.is_none() {
+            self.cache = Some(Cache::new(gpu, scene, &self.constants)?);
+        }
+        // While its shaders are compiled, frames do without.
+        let turned = match &mut self.cache {
+            Some(cache) if remembers && !frame.awaits_shaders() => Some(cache.turned(frame, blocks * places_of_block)?),
+            _ => None,
+        };
         for first_block in (0..blocks).step_by(blocks_at_once as usize) {
             let count = blocks_at_once.min(blocks - first_block);
             let parameters = Parameters {
@@ -227,6 +248,8 @@ impl Passes {
                 light_count: table.count,
                 sky_probability: table.sky_probability,
                 emission_classes: 3,
+                first_remembered: count * BLOCK * BLOCK * settings.samples,
+                places_of_block,
                 ..Parameters::zeroed()
             };
             let parameters = gpu.constant("path-tracing.settings", &parameters)?;
@@ -251,9 +274,19 @@ impl Passes {
             let begin = join(&of_points, &[("automaton", &self.automaton)]);
             let begin = join(&begin, &lights);
             let shade = join(&of_paths, &lights);
+            let of_known: [Named<'_>; 4] = [
+                ("seen_by", &points.view),
+                ("settings", &parameters),
+                ("automaton", &self.automaton),
+                ("pool", &pool),
+            ];
             frame.clear_range(&pool, 4..size_of::<Header>() as u64);
             let items = [count * BLOCK * BLOCK * settings.samples, 1, 1];
             frame.run("path-tracing.begin", &self.begin, of_scene, &begin, items)?;
+            if let Some(cache) = &turned {
+                let begin = join(&of_known[1..], &lights);
+                cache.begin(frame, scene, &begin, count * places_of_block)?;
+            }
             frame.compute("path-tracing.trace", |pass| {
                 for _ in 0..settings.bounces {
                     let Kernels {
@@ -263,14 +296,31 @@ impl Passes {
                     } = &self.kernels;
                     plan.run(pass, None, &of_paths, [1, 1, 1])?;
                     trace.run_indirect(pass, of_rays, &of_paths, (&self.arguments, 0))?;
+                    if let Some(cache) = &turned {
+                        cache.end(pass, scene, &of_known, (&self.arguments, 12))?;
+                    }
                     vertices.run_indirect(pass, of_rays, &shade, (&self.arguments, 12))?;
                 }
                 Ok::<_, GpuError>(())
             })?;
             let points = [count * BLOCK * BLOCK, 1, 1];
             frame.run("path-tracing.add", &self.add, None, &of_points, points)?;
+            if let Some(cache) = &turned {
+                cache.learn(frame, &of_known, count * places_of_block)?;
+            }
         }
         Ok(())
+    }
+
+    /// Lets paths of this frame end on the light that those of earlier frames have found, while the scene is at `versions`.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn settle(&mut self, frame: &mut Frame<'_>, versions: Versions) -> Result<(), GpuError> {
+        match &mut self.cache {
+            Some(cache) => cache.settle(frame, versions),
+            None => Ok(()),
+        }
     }
 
     /// Memory for so many paths at once.
@@ -298,7 +348,8 @@ impl Passes {
 
     /// Memory of the paths in flight (bytes).
     pub fn bytes(&self) -> u64 {
-        self.pool.as_ref().map_or(0, |(_, pool)| pool.size())
+        let cache = self.cache.as_ref().map_or(0, Cache::bytes);
+        self.pool.as_ref().map_or(0, |(_, pool)| pool.size()) + cache
     }
 }
 
