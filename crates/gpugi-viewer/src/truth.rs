@@ -37,9 +37,9 @@ pub struct View {
 }
 
 impl View {
-    /// Whether the other is the same but for the number of samples.
+    /// Whether the other has the same samples, be there more of them or their noise be filtered out.
     fn is_like(&self, other: &Self) -> bool {
-        let of = |view: &Self| (view.revision, view.size, view.is_denoised);
+        let of = |view: &Self| (view.revision, view.size);
         of(self) == of(other) && self.camera == other.camera
     }
 }
@@ -189,8 +189,11 @@ impl Truth {
         } else {
             self.traced += seconds;
         }
+        let mut is_shown_anew = false;
         let camera = self.view.as_mut().map_or(&view.camera, |traced| {
             traced.samples = view.samples;
+            is_shown_anew = traced.is_denoised != view.is_denoised;
+            traced.is_denoised = view.is_denoised;
             &traced.camera
         });
         self.waited += seconds;
@@ -209,6 +212,10 @@ impl Truth {
         if let Some(reference) = &mut self.reference {
             reference.noise = progress.noise.or(reference.noise);
         }
+        if let Some(filtering) = self.filtering.as_mut().filter(|_| is_shown_anew) {
+            (filtering.samples, filtering.is_at_work) = (0, false);
+        }
+        let is_better = is_better || is_shown_anew && progress.samples > 0;
         let is_new = self.show(&tracer, is_better, view.is_denoised)?;
         self.tracer = Some((tracer, revision));
         Ok(is_new)
@@ -416,7 +423,7 @@ mod tests {
         let document = Document::new(builtin("cornell", 1).unwrap());
         let scene = document.scene();
         let mut truth = Truth::new(&gpu, Settings::default(), Arc::new(|| {}));
-        let first = View {
+        let mut first = View {
             revision: 0,
             camera: scene.cameras[0].clone(),
             size: [16, 12],
@@ -428,12 +435,22 @@ mod tests {
         for _ in 0..20 {
             truth.frame(&document, &first, false, 0.01).unwrap();
         }
-        for view in [&second, &first] {
+        for view in [&mut second, &mut first] {
+            // What is filtered for the eye is not what is saved.
+            view.is_denoised = !view.is_denoised;
+            let view = &*view;
             let found = traced(&mut truth, &document, view);
+            let filtering = truth.filtering.as_ref().unwrap();
+            assert_eq!((filtering.samples, filtering.is_at_work), (8, false));
             let reference = truth.reference().unwrap();
             assert_eq!(reference.samples, 8);
             assert!(reference.noise.unwrap() > 0.0);
             assert_eq!(found, expected(&gpu, scene, view, 8));
         }
+        // The filter goes without another sample.
+        first.is_denoised = false;
+        assert!(!truth.is_done(&first));
+        assert!(truth.frame(&document, &first, false, 0.01).unwrap());
+        assert!(truth.is_done(&first), "a picture of 8 samples");
     }
 }

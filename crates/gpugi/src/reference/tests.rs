@@ -238,6 +238,40 @@ fn tiles_are_invisible() {
     }
 }
 
+/// Some rows at a time, in place of the picture that is shown, the filter gives the bits that it gives at once.
+#[test]
+fn a_picture_is_filtered_step_by_step() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = gpugi_scene::builtin::builtin("cornell", 1).unwrap();
+    let size = [20, 47];
+    let mut tracer = PathTracer::new(&gpu, &scene, size, &Settings::default()).unwrap();
+    tracer.keep_features().unwrap();
+    let picture = picture(&mut tracer, &scene.cameras[0], 4, 0);
+    let comparison = crate::picture::Comparison::new(&gpu, size).unwrap();
+    let shown = || {
+        let bytes = u64::from(size[0] * size[1]) * 16;
+        let shown = crate::gpu::read_buffer::<[f32; 4]>(&gpu, comparison.reference(), bytes);
+        let pixels = shown.unwrap().into_iter();
+        pixels.flat_map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
+    };
+    tracer.show(&comparison).unwrap();
+    let expected = tracer.denoised().unwrap();
+    let mut filter = tracer.filter_in_steps(10 * size[0]).unwrap();
+    assert!(filter.show_next(&tracer, &comparison).unwrap());
+    let row = size[0] as usize * 3;
+    let first = shown();
+    assert!(first[..10 * row] == expected[..10 * row], "filtered rows");
+    assert!(first[10 * row..] == picture[10 * row..], "rows to come");
+    let mut steps = 1;
+    while filter.show_next(&tracer, &comparison).unwrap() {
+        steps += 1;
+    }
+    assert_eq!(steps, 4);
+    assert!(shown() == expected, "all rows");
+    tracer.resize([20, 46]).unwrap();
+    assert!(filter.show_next(&tracer, &comparison).is_err(), "another size");
+}
+
 /// In pieces of a few rays, with other work between them, the picture is the same to the last bit.
 #[test]
 fn pieces_that_never_wait_make_the_same_picture() {

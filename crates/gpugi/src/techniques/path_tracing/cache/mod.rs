@@ -82,7 +82,8 @@ impl Cache {
             .collect();
         let env = |name: &str, default: f64| std::env::var(name).map_or(default, |v| v.parse().unwrap());
         let across = ("ACROSS", env("T_ACROSS", 64.0));
-        let of_ends: Vec<_> = of_ends.into_iter().chain([across]).collect();
+        let least = ("LEAST_PIXELS", env("T_PIXELS", 8.0));
+        let of_ends: Vec<_> = of_ends.into_iter().chain([across, least]).collect();
         let tuned = |shader, constants: &[(&str, f64)]| Kernel::with_options(gpu, &shader, "main", None, &KernelOptions { constants, ..Default::default() });
         let cells = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => CELLS_IN_SOFTWARE,
@@ -96,7 +97,7 @@ impl Cache {
                 constants,
             )?,
             end: kernel(shader!("techniques.path_tracing.cache.end"), &of_ends)?,
-            learn: tuned(shader!("techniques.path_tracing.cache.learn"), &[across])?,
+            learn: tuned(shader!("techniques.path_tracing.cache.learn"), &[across, least])?,
             settle: tuned(shader!("techniques.path_tracing.cache.settle"), &[("ENOUGH", env("T_ENOUGH", 8.0))])?,
             cells: buffer("path-tracing.cells", u64::from(cells) * CELL_BYTES)?,
             known: buffer("path-tracing.known", u64::from(cells) * KNOWN_BYTES)?,
