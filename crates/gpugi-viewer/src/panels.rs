@@ -344,7 +344,8 @@ pub fn truth(ui: &mut Ui, session: &mut Session) {
 
 fn denoises(ui: &mut Ui, session: &mut Session) {
     let help = "Filter the noise out of what is seen. Saved pictures are not filtered";
-    ui.checkbox(&mut session.denoises_truth, "denoise").on_hover_text(help);
+    ui.checkbox(&mut session.denoises_truth, "denoise")
+        .on_hover_text(help);
 }
 
 /// How far the path tracer is.

@@ -252,7 +252,9 @@ impl Truth {
             return Ok(is_better);
         }
         reference.samples = samples;
-        let is_complete = self.progress.is_some_and(|progress| progress.fraction == 1.0);
+        let is_complete = self
+            .progress
+            .is_some_and(|progress| progress.fraction == 1.0);
         let enough = match is_complete {
             true => filtering.samples + 1,
             false => (filtering.samples as f32 * FILTERED_AGAIN).ceil() as u32,
@@ -318,9 +320,10 @@ impl Truth {
         let is_complete = self
             .progress
             .is_some_and(|progress| progress.fraction == 1.0);
-        let is_filtered = !view.is_denoised || self.filtering.as_ref().is_none_or(|filtering| {
-            !filtering.is_at_work && (view.samples < 2 || filtering.samples >= view.samples)
-        });
+        let is_filtered = !view.is_denoised
+            || self.filtering.as_ref().is_none_or(|filtering| {
+                !filtering.is_at_work && (view.samples < 2 || filtering.samples >= view.samples)
+            });
         self.is_broken || (self.tracer(view).is_some() && is_complete && is_filtered)
     }
 }

@@ -70,7 +70,11 @@ impl Kernels {
             plan: Kernel::new(gpu, &shader!("paths.plan"), "main", None)?,
             trace: hot(
                 shader!("paths.trace"),
-                &["HAS_PATH_FILTER", "LIGHT_TRACER_HAS_LAMPS", "HAS_KNOWN_LIGHT"],
+                &[
+                    "HAS_PATH_FILTER",
+                    "LIGHT_TRACER_HAS_LAMPS",
+                    "HAS_KNOWN_LIGHT",
+                ],
             )?,
             shade: hot(
                 shader!("paths.shade"),

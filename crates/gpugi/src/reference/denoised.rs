@@ -99,7 +99,10 @@ impl ImageFilter {
             let mut frame = Frame::new(&tracer.gpu, false);
             self.record(&mut frame, tracer, &window)?;
             let of_rows = |rows: u32| u64::from(rows) * u64::from(size[0]) * 16;
-            let (first, rows) = (window.written.start, window.written.end - window.written.start);
+            let (first, rows) = (
+                window.written.start,
+                window.written.end - window.written.start,
+            );
             let place = [of_rows(first), of_rows(rows)];
             frame.copy(&self.denoiser.filtered, comparison.reference(), place);
             frame.submit()?;

@@ -252,7 +252,9 @@ fn a_picture_is_filtered_step_by_step() {
         let bytes = u64::from(size[0] * size[1]) * 16;
         let shown = crate::gpu::read_buffer::<[f32; 4]>(&gpu, comparison.reference(), bytes);
         let pixels = shown.unwrap().into_iter();
-        pixels.flat_map(|[r, g, b, _]| [r, g, b]).collect::<Vec<_>>()
+        pixels
+            .flat_map(|[r, g, b, _]| [r, g, b])
+            .collect::<Vec<_>>()
     };
     tracer.show(&comparison).unwrap();
     let expected = tracer.denoised().unwrap();
@@ -269,7 +271,10 @@ fn a_picture_is_filtered_step_by_step() {
     assert_eq!(steps, 4);
     assert!(shown() == expected, "all rows");
     tracer.resize([20, 46]).unwrap();
-    assert!(filter.show_next(&tracer, &comparison).is_err(), "another size");
+    assert!(
+        filter.show_next(&tracer, &comparison).is_err(),
+        "another size"
+    );
 }
 
 /// In pieces of a few rays, with other work between them, the picture is the same to the last bit.

@@ -3,8 +3,8 @@
 
 use crate::techniques::{MOST_TRACED, Occasion, Purpose, Speed};
 
-/// Most lights without extent that one path per pixel can choose from. More were not measured: depth maps have no noise.
-const MOST_PUNCTUAL: usize = 16;
+/// Most lights without extent that one path per pixel chooses from. More were not measured.
+const MOST_PUNCTUAL: usize = 64;
 
 /// Why it suits an occasion. In software, the maps of others take minutes where there is glass, and less than paths
 /// elsewhere. Media were not measured.

@@ -5,7 +5,7 @@ use bytemuck::Zeroable;
 use gpugi_scene::Image;
 
 use super::Settings;
-use super::cache::{Cache, places_of_block};
+use super::cache::{Cache, PLACES_OF_BLOCK};
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::light_paths::{LightClass, PathFilter};
@@ -205,9 +205,10 @@ impl Passes {
             .map(|side| side.div_ceil(BLOCK))
             .iter()
             .product::<u32>();
-        let remembers = settings.cache && receiver.target.is_noisy() && points.output == Output::RadianceToEye;
+        let remembers =
+            settings.cache && receiver.target.is_noisy() && points.output == Output::RadianceToEye;
         let places_of_block = match remembers {
-            true => places_of_block(),
+            true => PLACES_OF_BLOCK,
             false => 0,
         };
         let of_block = BLOCK * BLOCK * settings.samples + places_of_block;
@@ -233,7 +234,9 @@ impl Passes {
         }
         // While its shaders are compiled, frames do without.
         let turned = match &mut self.cache {
-            Some(cache) if remembers && !frame.awaits_shaders() => Some(cache.turned(frame, blocks * places_of_block)?),
+            Some(cache) if remembers && !frame.awaits_shaders() => {
+                Some(cache.turned(frame, blocks * places_of_block)?)
+            }
             _ => None,
         };
         for first_block in (0..blocks).step_by(blocks_at_once as usize) {

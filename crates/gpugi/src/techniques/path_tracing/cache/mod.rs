@@ -11,8 +11,8 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
 
-/// Places that are remembered of a block of points.
-pub fn places_of_block() -> u32 { std::env::var("T_PLACES").map_or(8, |v| v.parse().unwrap()) }
+/// Places that are remembered of each block of 8 x 8 points. Twice as many gained less than a hundredth.
+pub const PLACES_OF_BLOCK: u32 = 8;
 /// Slots of the table; fewer in software, where each frame goes through all of them.
 const CELLS: u32 = 1 << 19;
 const CELLS_IN_SOFTWARE: u32 = 1 << 16;
@@ -75,30 +75,24 @@ impl Cache {
             };
             Kernel::with_options(gpu, &shader, "main", own, &options)
         };
+        let lone = |shader| Kernel::new(gpu, &shader, "main", None);
         let of_ends: Vec<_> = constants
             .iter()
             .copied()
             .filter(|(name, _)| *name == "HAS_TRANSMISSION")
             .collect();
-        let env = |name: &str, default: f64| std::env::var(name).map_or(default, |v| v.parse().unwrap());
-        let across = ("ACROSS", env("T_ACROSS", 64.0));
-        let least = ("LEAST_PIXELS", env("T_PIXELS", 8.0));
-        let of_ends: Vec<_> = of_ends.into_iter().chain([across, least]).collect();
-        let tuned = |shader, constants: &[(&str, f64)]| Kernel::with_options(gpu, &shader, "main", None, &KernelOptions { constants, ..Default::default() });
         let cells = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => CELLS_IN_SOFTWARE,
             _ => CELLS,
         };
-        let buffer = |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
+        let buffer =
+            |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
         let places = || buffer("path-tracing.places", PLACE_BYTES);
         Ok(Self {
-            begin: kernel(
-                shader!("techniques.path_tracing.cache.begin"),
-                constants,
-            )?,
+            begin: kernel(shader!("techniques.path_tracing.cache.begin"), constants)?,
             end: kernel(shader!("techniques.path_tracing.cache.end"), &of_ends)?,
-            learn: tuned(shader!("techniques.path_tracing.cache.learn"), &[across, least])?,
-            settle: tuned(shader!("techniques.path_tracing.cache.settle"), &[("ENOUGH", env("T_ENOUGH", 8.0))])?,
+            learn: lone(shader!("techniques.path_tracing.cache.learn"))?,
+            settle: lone(shader!("techniques.path_tracing.cache.settle"))?,
             cells: buffer("path-tracing.cells", u64::from(cells) * CELL_BYTES)?,
             known: buffer("path-tracing.known", u64::from(cells) * KNOWN_BYTES)?,
             count: cells,
@@ -118,11 +112,10 @@ impl Cache {
         let bytes = u64::from(count) * PLACE_BYTES;
         let places = &mut self.places[0];
         if places.size() < bytes {
-            *places = frame.gpu.buffer(
-                "path-tracing.places",
-                bytes,
-                wgpu::BufferUsages::STORAGE,
-            )?;
+            *places =
+                frame
+                    .gpu
+                    .buffer("path-tracing.places", bytes, wgpu::BufferUsages::STORAGE)?;
         }
         frame.clear(places);
         self.is_taught = true;
@@ -143,7 +136,13 @@ impl Cache {
         let resources = join(of_paths, &[("places", &self.places[1])]);
         let places = [count, 1, 1];
         let of_scene = Some(&scene.bind_group);
-        frame.run("path-tracing.cache", &self.begin, of_scene, &resources, places)
+        frame.run(
+            "path-tracing.cache",
+            &self.begin,
+            of_scene,
+            &resources,
+            places,
+        )
     }
 
     /// Lets the paths end that have met known light. `arguments`: how many there are.
@@ -157,7 +156,10 @@ impl Cache {
         of_paths: &[Named<'_>],
         arguments: (&wgpu::Buffer, u64),
     ) -> Result<(), GpuError> {
-        let resources = join(of_paths, &[("known", &self.known), ("places", &self.places[0])]);
+        let resources = join(
+            of_paths,
+            &[("known", &self.known), ("places", &self.places[0])],
+        );
         self.end
             .run_indirect(pass, Some(&scene.bind_group), &resources, arguments)
     }
@@ -172,10 +174,7 @@ impl Cache {
         of_paths: &[Named<'_>],
         count: u32,
     ) -> Result<(), GpuError> {
-        let own: [Named<'_>; 2] = [
-            ("places", &self.places[1]),
-            ("cells_of_scene", &self.cells),
-        ];
+        let own: [Named<'_>; 2] = [("places", &self.places[1]), ("cells_of_scene", &self.cells)];
         let resources = join(of_paths, &own);
         let places = [count, 1, 1];
         frame.run("path-tracing.cache", &self.learn, None, &resources, places)
@@ -192,7 +191,10 @@ impl Cache {
         let before = self.versions.replace(versions).or(Some(versions));
         let but_places = Inputs::GEOMETRY.without();
         let light = |versions: Option<Versions>| versions.map(|versions| versions.of(but_places));
-        let has_changed = [before != Some(versions), light(before) != light(Some(versions))];
+        let has_changed = [
+            before != Some(versions),
+            light(before) != light(Some(versions)),
+        ];
         for (settled, has_changed) in self.settled.iter_mut().zip(has_changed) {
             *settled = match has_changed {
                 true => 0,
@@ -215,7 +217,13 @@ impl Cache {
             ("cells_of_scene", &self.cells),
             ("known", &self.known),
         ];
-        frame.run("path-tracing.cache", &self.settle, None, &resources, [self.count, 1, 1])
+        frame.run(
+            "path-tracing.cache",
+            &self.settle,
+            None,
+            &resources,
+            [self.count, 1, 1],
+        )
     }
 
     /// Memory of the table and the places (bytes).
