@@ -232,7 +232,8 @@ impl Truth {
         let (gpu, size, samples) = (&self.gpu, tracer.size(), tracer.samples());
         let filtering = self.filtering.as_mut().filter(|_| is_denoised);
         let is_filtered = filtering.is_some() && samples > 1;
-        if is_better && (!is_filtered || self.reference.is_none()) {
+        let is_of_size = |reference: &Reference| reference.comparison.size() == size;
+        if is_better && (!is_filtered || !self.reference.as_ref().is_some_and(is_of_size)) {
             let comparison = match self.reference.take() {
                 Some(reference) if reference.comparison.size() == size => reference.comparison,
                 Some(reference) => reference.comparison.resized(gpu, size)?,
@@ -310,21 +311,28 @@ impl Truth {
 
     /// The path tracer, if it traces this view.
     pub fn tracer(&self, view: &View) -> Option<&PathTracer> {
-        let is_of_view = self.view.as_ref() == Some(view);
+        let is_of_view = (self.view.as_ref()).is_some_and(|traced| traced.is_like(view));
         let tracer = self.tracer.as_ref().filter(|_| is_of_view);
         tracer.map(|(tracer, _)| tracer)
     }
 
     /// Whether another frame would not make the picture of this view better.
     pub fn is_done(&self, view: &View) -> bool {
+        let is_of_view = self.view.as_ref() == Some(view);
+        let Some((tracer, _)) = self.tracer.as_ref().filter(|_| is_of_view) else {
+            return self.is_broken;
+        };
         let is_complete = self
             .progress
             .is_some_and(|progress| progress.fraction == 1.0);
-        let is_filtered = !view.is_denoised
-            || self.filtering.as_ref().is_none_or(|filtering| {
-                !filtering.is_at_work && (view.samples < 2 || filtering.samples >= view.samples)
-            });
-        self.is_broken || (self.tracer(view).is_some() && is_complete && is_filtered)
+        let samples = tracer.samples();
+        let is_filtered = match self.filtering.as_ref().filter(|_| view.is_denoised) {
+            Some(filtering) => {
+                !filtering.is_at_work && (samples < 2 || filtering.samples >= samples)
+            }
+            None => true,
+        };
+        self.is_broken || (is_complete && is_filtered)
     }
 }
 
@@ -452,8 +460,18 @@ mod tests {
         }
         // The filter goes without another sample.
         first.is_denoised = false;
+        assert!(truth.tracer(&first).is_some(), "the samples are kept");
         assert!(!truth.is_done(&first));
         assert!(truth.frame(&document, &first, false, 0.01).unwrap());
         assert!(truth.is_done(&first), "a picture of 8 samples");
+        // A picture that is good enough has fewer samples than it may have.
+        let settings = Settings {
+            noise: 10.0,
+            ..Settings::default()
+        };
+        let mut truth = Truth::new(&gpu, settings, Arc::new(|| {}));
+        (first.samples, first.is_denoised) = (100_000, true);
+        traced(&mut truth, &document, &first);
+        assert!(truth.reference().unwrap().samples < 100_000);
     }
 }

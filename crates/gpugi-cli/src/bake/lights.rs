@@ -54,7 +54,7 @@ impl Lights {
         let is_traced = names.is_empty()
             && has_indirect
             && scene.media.is_empty()
-            // Nobody has measured on others.
+            // Integrated GPUs were not measured.
             && Speed::of(&gpu.adapter) != Speed::Modest
             && !settings.iter().any(asks);
         let with_direct = match is_traced && parts.contains(&Part::Direct) {

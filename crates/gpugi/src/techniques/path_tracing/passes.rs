@@ -229,12 +229,16 @@ impl Passes {
                 [points.count, 1, 1],
             )?;
         }
-        if remembers && self.cache.is_none() {
-            self.cache = Some(Cache::new(gpu, scene, &self.constants)?);
+        match (settings.cache, &self.cache) {
+            (true, None) if remembers => {
+                self.cache = Some(Cache::new(gpu, scene, &self.constants)?);
+            }
+            (false, Some(_)) => self.cache = None,
+            _ => {}
         }
         // While its shaders are compiled, frames do without.
         let turned = match &mut self.cache {
-            Some(cache) if remembers && !frame.awaits_shaders() => {
+            Some(cache) if remembers && cache.is_ready(frame) => {
                 Some(cache.turned(frame, blocks * places_of_block)?)
             }
             _ => None,

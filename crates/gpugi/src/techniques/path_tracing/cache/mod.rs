@@ -40,6 +40,8 @@ struct SettlingUniform {
 /// The table, and the places that are remembered.
 #[derive(Debug)]
 pub struct Cache {
+    /// Knows of its pipelines alone.
+    gpu: Gpu,
     begin: Kernel,
     end: Kernel,
     learn: Kernel,
@@ -67,6 +69,7 @@ impl Cache {
         scene: &GpuScene,
         constants: &[(&'static str, f64)],
     ) -> Result<Self, GpuError> {
+        let gpu = &gpu.apart();
         let own = Some(&scene.layout);
         let kernel = |shader, constants: &[(&str, f64)]| {
             let options = KernelOptions {
@@ -89,6 +92,7 @@ impl Cache {
             |label: &str, bytes: u64| gpu.buffer(label, bytes, wgpu::BufferUsages::STORAGE);
         let places = || buffer("path-tracing.places", PLACE_BYTES);
         Ok(Self {
+            gpu: gpu.clone(),
             begin: kernel(shader!("techniques.path_tracing.cache.begin"), constants)?,
             end: kernel(shader!("techniques.path_tracing.cache.end"), &of_ends)?,
             learn: lone(shader!("techniques.path_tracing.cache.learn"))?,
@@ -101,6 +105,11 @@ impl Cache {
             versions: None,
             settled: [0; 2],
         })
+    }
+
+    /// Whether a frame can use it without waiting for its shaders.
+    pub fn is_ready(&self, frame: &Frame<'_>) -> bool {
+        !(frame.never_waits() && self.gpu.is_compiling())
     }
 
     /// The same, with the places of the frame before to begin from, and room for `count` places of this one.
@@ -186,6 +195,12 @@ impl Cache {
     /// [`GpuError`].
     pub fn settle(&mut self, frame: &mut Frame<'_>, versions: Versions) -> Result<(), GpuError> {
         if !std::mem::take(&mut self.is_taught) {
+            // Nobody has followed what has changed meanwhile.
+            if self.versions.is_some_and(|before| before != versions) {
+                self.versions = None;
+                frame.clear(&self.cells);
+                frame.clear(&self.known);
+            }
             return Ok(());
         }
         let before = self.versions.replace(versions).or(Some(versions));

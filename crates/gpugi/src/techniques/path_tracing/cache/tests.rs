@@ -34,12 +34,12 @@ fn frames(gpu: &Gpu, scene: &Scene, count: usize, ends: bool) -> Vec<Vec<f32>> {
     frames.skip(count / 2).collect()
 }
 
-/// Mean of the frames, pixel by pixel, and the mean variance of what is no lamp.
+/// Mean of the frames, pixel by pixel, and the mean variance; lamps have none.
 fn moments(frames: &[Vec<f32>]) -> (f64, f64) {
     let count = frames.len() as f64;
     let (mut sum, mut variance) = (0.0, 0.0);
     for value in 0..frames[0].len() {
-        let values = frames.iter().map(|frame| f64::from(frame[value].min(2.0)));
+        let values = frames.iter().map(|frame| f64::from(frame[value]));
         let mean = values.clone().sum::<f64>() / count;
         sum += mean;
         variance += values.map(|value| (value - mean).powi(2)).sum::<f64>() / count;
