@@ -79,6 +79,8 @@ pub struct PathTracing {
     lights: Lights,
     /// Most paths in flight, if not as many as the adapter's kind suggests.
     most_paths: Option<u32>,
+    /// Places that are remembered of each block of 8 x 8 points, if not [`cache::PLACES_OF_BLOCK`].
+    places_of_block: Option<u32>,
 }
 
 impl Technique for PathTracing {
@@ -153,7 +155,8 @@ impl Technique for PathTracing {
         let Some(passes) = self.passes.get_mut() else {
             return Ok(());
         };
-        let settings = (&self.settings, self.most_paths);
+        let places_of_block = self.places_of_block.unwrap_or(cache::PLACES_OF_BLOCK);
+        let settings = (&self.settings, self.most_paths, places_of_block);
         passes.record(frame, scene, receiver, &self.lights, settings)
     }
 

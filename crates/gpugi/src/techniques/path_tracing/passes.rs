@@ -5,7 +5,7 @@ use bytemuck::Zeroable;
 use gpugi_scene::Image;
 
 use super::Settings;
-use super::cache::{Cache, PLACES_OF_BLOCK};
+use super::cache::Cache;
 use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::light_paths::{LightClass, PathFilter};
@@ -188,7 +188,7 @@ impl Passes {
         scene: &GpuScene,
         receiver: &Receiver,
         lights: &Lights,
-        (settings, most_paths): (&Settings, Option<u32>),
+        (settings, most_paths, places_of_block): (&Settings, Option<u32>, u32),
     ) -> Result<(), GpuError> {
         let gpu = frame.gpu;
         let points = &receiver.points;
@@ -208,7 +208,7 @@ impl Passes {
         let remembers =
             settings.cache && receiver.target.is_noisy() && points.output == Output::RadianceToEye;
         let places_of_block = match remembers {
-            true => PLACES_OF_BLOCK,
+            true => places_of_block,
             false => 0,
         };
         let of_block = BLOCK * BLOCK * settings.samples + places_of_block;

@@ -5,14 +5,14 @@ use glam::{Mat4, Vec3, vec3, vec4};
 use gpugi_scene::Scene;
 use gpugi_scene::builtin::builtin;
 
-use super::super::INFO;
+use super::super::{INFO, PathTracing};
 use crate::Renderer;
 use crate::gpu::Gpu;
 use crate::picture::Effects;
 use crate::picture::effects::denoise::Filter;
 use crate::testing::test_gpu;
 
-const SIZE: [u32; 2] = [24, 20];
+const SIZE: [u32; 2] = [112, 96];
 
 /// Frames of a live view at rest, without a filter, each of which begins anew; the last half of them, after the cells have
 /// learned.
@@ -21,6 +21,11 @@ fn frames(gpu: &Gpu, scene: &Scene, count: usize, ends: bool) -> Vec<Vec<f32>> {
     renderer
         .set(INFO.name, "cache", if ends { "true" } else { "false" })
         .unwrap();
+    // So small a picture would teach few cells.
+    let changed = renderer.change(|technique: &mut PathTracing| {
+        technique.places_of_block = Some(64);
+    });
+    changed.unwrap();
     let mut effects = Effects::of_live_view().exposed(1.0).without_dither();
     effects.denoise.filter = Filter::None;
     effects.temporal_antialiasing.interval = 1;
@@ -63,10 +68,10 @@ fn the_light_is_the_same_and_its_noise_is_less() {
         camera.world_from_view.w_axis = place * camera.world_from_view.w_axis;
     }
     let [(without, noise_without), (with, noise_with)] =
-        [false, true].map(|ends| moments(&frames(&gpu, &scene, 24, ends)));
+        [false, true].map(|ends| moments(&frames(&gpu, &scene, 8, ends)));
     let (light, noise) = (with / without, noise_with / noise_without);
     println!("light {light:.3}, noise {noise:.3}");
-    assert!((light - 1.0).abs() < 0.03, "light {light}");
+    assert!((light - 1.0).abs() < 0.05, "light {light}");
     assert!(noise < 0.75, "noise {noise}");
 }
 
@@ -75,6 +80,6 @@ fn the_light_is_the_same_and_its_noise_is_less() {
 fn the_same_frames_have_the_same_bits() {
     let Some(gpu) = test_gpu() else { return };
     let scene = builtin("cornell", 1).unwrap();
-    let [first, second] = [(); 2].map(|()| frames(&gpu, &scene, 8, true));
+    let [first, second] = [(); 2].map(|()| frames(&gpu, &scene, 6, true));
     assert!(first == second, "the frames differ");
 }
