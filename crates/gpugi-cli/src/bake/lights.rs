@@ -28,7 +28,7 @@ pub struct Lights {
 impl Lights {
     /// The techniques in `named`, plus those that `parts` need. All parts if both are empty. In software and on discrete GPUs,
     /// paths find indirect light, and all light but caustics if direct light is baked as well, unless `settings` ask for others:
-    /// they take less time for the same error (docs/bake.md).
+    /// they err less, or take less time (docs/bake.md).
     pub fn new(
         gpu: &Gpu,
         scene: &Scene,
