@@ -209,12 +209,13 @@ fn media_dim_light_between_surfaces() {
         ..layer(0.0, None)
     });
     let camera = scene.cameras[0].clone();
-    for (technique, setting, bound) in [
-        ("radiosity", "resolution=64", 0.001),
-        ("final-gather", "bounces=3", 0.001),
-    ] {
+    let settings_of: [(_, &[_], _); 2] = [
+        ("radiosity", &["resolution=64"], 0.001),
+        ("final-gather", &["bounces=3", "resolution=16"], 0.001),
+    ];
+    for (technique, settings, bound) in settings_of {
         let names = ["shadow-map", technique, "participating-media"];
-        let mut renderer = renderer_of(&gpu, &scene, &names, 32, technique, &[setting]);
+        let mut renderer = renderer_of(&gpu, &scene, &names, 32, technique, settings);
         let found = measured(&gpu, &scene, &camera, &mut renderer, [4, 256]);
         let error = found.value(Metric::RelMse4).expect("a value");
         println!("{technique}: {error:.1e}");

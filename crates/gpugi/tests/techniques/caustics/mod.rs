@@ -98,7 +98,7 @@ fn on_the_floor(renderer: &Renderer, radiance: &[f32]) -> Vec<f64> {
 }
 
 /// The floor's light by each tracer, maps and rays, and the path tracer's. Scenes with ray-tracing are uploaded with rays.
-fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
+fn floors(gpu: &Gpu, scene: &Scene, samples: u32, resolution: &str) -> [Vec<f64>; 3] {
     let with = |techniques: &[&str], tracer: &str| {
         let mut techniques = techniques.to_vec();
         if !scene.media.is_empty() {
@@ -109,7 +109,7 @@ fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
         // 4 points per frame on a lamp so near and so large are off by 3 %.
         for (name, value) in [
             ("tracer", tracer),
-            ("resolution", "192"),
+            ("resolution", resolution),
             ("area-samples", "16"),
         ] {
             renderer.set("caustics", name, value).expect("a setting");
@@ -117,7 +117,7 @@ fn floors(gpu: &Gpu, scene: &Scene, samples: u32) -> [Vec<f64>; 3] {
         renderer
     };
     let mut maps = with(&["caustics"], "maps");
-    let found = measured(gpu, scene, &camera(), &mut maps, [8, samples]);
+    let found = measured(gpu, scene, &camera(), &mut maps, [4, samples]);
     let mut rays = with(&["caustics", "ray-tracing"], "rays");
     rays.converge(&camera(), false, |_, _| ControlFlow::Continue(()))
         .expect("caustics");
@@ -147,7 +147,7 @@ fn balls_throw_their_light_where_the_path_tracer_finds_it() {
     let Some(gpu) = gpu() else { return };
     // Few of the path tracer's paths find the lamp by way of the mirror, so that lamp is large.
     for (name, material, lamp) in [("glass", glass(1.5), 0.5), ("mirror", mirror(), 2.5)] {
-        let [maps, rays, truth] = floors(&gpu, &ball_under_lamp(material, lamp), 512);
+        let [maps, rays, truth] = floors(&gpu, &ball_under_lamp(material, lamp), 512, "128");
         for (tracer, light) in [("maps", maps), ("rays", rays)] {
             let [flux, error] = compared(&light, &truth);
             println!(
@@ -184,9 +184,9 @@ fn smoke_dims_what_balls_throw_as_in_the_path_tracer() {
         // The path tracer does not follow photons through media, and finds large lamps only. The few points on such a
         // lamp err in the same way with and without smoke.
         let mut scene = ball_under_lamp(material, 2.5);
-        let clear = floors(&gpu, &scene, 256);
+        let clear = floors(&gpu, &scene, 256, "96");
         scene.media.push(smoke());
-        let dimmed = floors(&gpu, &scene, 256);
+        let dimmed = floors(&gpu, &scene, 256, "96");
         let of = |all: &[f64]| [0, 1, 2].map(|at| all.iter().skip(at).step_by(3).sum::<f64>());
         // By channel, the share of the light that smoke lets pass.
         let passed = |at: usize| {
@@ -226,7 +226,7 @@ fn rays_follow_light_by_way_of_several_objects() {
     assert!(tilted.normals[0].x < 0.0 && tilted.normals[0].y < 0.0);
     add(&mut scene, tilted, mirror(), Vec3::ZERO);
     add(&mut scene, sphere(0.4, 64), glass(1.5), vec3(0.0, 0.6, 0.0));
-    let [maps, rays, truth] = floors(&gpu, &scene, 256);
+    let [maps, rays, truth] = floors(&gpu, &scene, 256, "96");
     let [maps, rays] = [maps, rays].map(|light| compared(&light, &truth));
     println!("flux and rel-mse: maps {maps:.4?}, rays {rays:.4?}");
     assert!((rays[0] - 1.0).abs() < 0.05 && rays[1] < 0.01, "{rays:?}");
@@ -254,28 +254,22 @@ fn caustics_are_seen_through_glass() {
     let mut scene = ball_under_lamp(glass(1.5), 0.5);
     add(&mut scene, sphere(0.3, 48), mirror(), vec3(-0.8, 0.3, 0.3));
     let techniques = ["shadow-map", "caustics", "distance-impostor"];
-    let error = |left_out: &str| {
-        let names: Vec<&str> = techniques
-            .into_iter()
-            .filter(|name| *name != left_out)
-            .collect();
-        let mut with_all = renderer(&gpu, &scene, &techniques, 48);
-        let truth = measured(&gpu, &scene, &camera(), &mut with_all, [8, 256]);
-        let mut this = renderer(&gpu, &scene, &names, 48);
-        for _ in 0..8 {
-            this.render_sample(&camera(), 8, None, false)
-                .expect("a picture");
-        }
-        let radiance = this.radiance().expect("radiance");
-        let [test, truth] =
-            [&radiance, &truth.truth.radiance].map(|radiance| blurred(radiance, 48));
+    let mut with_all = renderer(&gpu, &scene, &techniques, 48);
+    let found = measured(&gpu, &scene, &camera(), &mut with_all, [8, 256]);
+    let mut others = renderer(&gpu, &scene, &["shadow-map", "distance-impostor"], 48);
+    for _ in 0..8 {
+        let sample = others.render_sample(&camera(), 8, None, false);
+        sample.expect("a picture");
+    }
+    let others = others.radiance().expect("radiance");
+    let [with, without] = [&found.radiance, &others].map(|radiance| {
+        let [test, truth] = [radiance, &found.truth.radiance].map(|light| blurred(light, 48));
         let squares = test.iter().zip(&truth);
         squares
             .map(|(a, b)| (a - b).powi(2) / (b * b + 0.01))
             .sum::<f64>()
             / truth.len() as f64
-    };
-    let [with, without] = ["", "caustics"].map(error);
+    });
     println!("shadows, caustics and impostors: rel-mse {with:.1e}, without caustics {without:.1e}");
     assert!(with < 0.02, "{with}");
     assert!(without > 3.0 * with, "{without}");

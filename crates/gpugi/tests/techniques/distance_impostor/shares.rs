@@ -43,7 +43,11 @@ fn furnace(mesh: Mesh, material: Material) -> Scene {
 fn middle(gpu: &Gpu, scene: &Scene, techniques: &[&str], settings: &[(&str, &str, &str)]) -> f32 {
     let names: Vec<String> = techniques.iter().map(|name| (*name).to_owned()).collect();
     let mut renderer = Renderer::new(gpu, scene, [SIZE, SIZE], &names).expect("a renderer");
-    for (technique, name, value) in settings {
+    let small = ["resolution", "shape-resolution"].map(|name| ("distance-impostor", name, "64"));
+    let small = small
+        .iter()
+        .filter(|(technique, ..)| techniques.contains(technique));
+    for (technique, name, value) in small.chain(settings) {
         renderer.set(technique, name, value).expect("a setting");
     }
     let camera = Camera::look_at("", vec3(0.0, 0.0, 4.0), Vec3::ZERO, 0.5);

@@ -35,13 +35,13 @@ fn a_thin_wall_lets_no_light_through() {
         ("a gap of 2 cm", two_rooms(0.02)),
         ("no thickness", a_room_with_a_wall()),
     ] {
+        let direct = at_probes(&gpu, &scene, &names[..1], &[], &all, Output::Irradiance);
         // An odd number of points along x puts some into the wall.
         for density in ["density=1", "density=1.2", "density=2"] {
             let leak = |visibility: &str| {
                 let settings = [density, "resolution=32", visibility];
-                let direct = at_probes(&gpu, &scene, &names[..1], &[], &all, Output::Irradiance);
                 let found = at_probes(&gpu, &scene, &names, &settings, &all, Output::Irradiance);
-                let indirect: Vec<Vec3> = found.iter().zip(direct).map(|(a, b)| *a - b).collect();
+                let indirect: Vec<Vec3> = found.iter().zip(&direct).map(|(a, b)| *a - *b).collect();
                 let (lit, dark) = indirect.split_at(indirect.len() / 2);
                 let brightest = dark
                     .iter()
