@@ -328,13 +328,7 @@ fn both_tracers_find_the_same_light_of_lamps() {
         };
         for &(paths, most) in patterns {
             let of = |has_photons| {
-                // As many as the bounds on the noise ask for.
-                let samples = match (name, has_photons) {
-                    ("mirror" | "coat", true) => 8,
-                    ("mirror" | "coat", false) => 32,
-                    (_, true) => 4,
-                    (_, false) => 16,
-                };
+                let samples = if has_photons { 8 } else { 32 };
                 mean(&gpu, &scene, &camera, &keeping(paths), samples, has_photons)
             };
             let [(alone, noise), (both, error)] = [false, true].map(of);

@@ -59,7 +59,8 @@ crate::settings! {
     pub struct Settings {
         /// Paths per point in each sample of a picture.
         pub samples: u32 = 1 => in_range(1.0, 64.0).unit("paths"),
-        /// Most surfaces on a path between the light and the eye; light of earlier frames, on which it may end, comes over more.
+        /// Most surfaces on a path between the light and the eye. With the cache, light may have met more of them in earlier
+        /// frames.
         pub bounces: u32 = 16 => in_range(1.0, 64.0),
         /// Whether it adds light of lamps and the sky that mirrors and glass throw on other surfaces, unless a technique
         /// before it does. Paths find such light by chance: it is noisy.

@@ -98,6 +98,7 @@ fn on_the_floor(renderer: &Renderer, radiance: &[f32]) -> Vec<f64> {
 }
 
 /// The floor's light by each tracer, maps and rays, and the path tracer's. Scenes with ray-tracing are uploaded with rays.
+/// `resolution` is the setting of caustics.
 fn floors(gpu: &Gpu, scene: &Scene, samples: u32, resolution: &str) -> [Vec<f64>; 3] {
     let with = |techniques: &[&str], tracer: &str| {
         let mut techniques = techniques.to_vec();

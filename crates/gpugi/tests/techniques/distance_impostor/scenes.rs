@@ -185,22 +185,19 @@ pub fn errors_of<const N: usize>(
 ) -> [f64; N] {
     let mut renderer = renderer(gpu, scene, settings[0]);
     let found = measured(gpu, scene, camera, &mut renderer);
-    let mut is_first = true;
-    settings.map(|settings| {
-        let radiance = match std::mem::take(&mut is_first) {
-            true => found.radiance.clone(),
-            false => {
-                for (name, value) in settings {
-                    set(&mut renderer, (name, value));
-                }
-                renderer.restart();
-                for _ in 0..SAMPLES {
-                    let sample = renderer.render_sample(camera, SAMPLES, None, false);
-                    sample.expect("a picture");
-                }
-                renderer.radiance().expect("radiance")
-            }
-        };
+    std::array::from_fn(|at| {
+        if at == 0 {
+            return rel_mse(&found.radiance, &found.truth.radiance);
+        }
+        for (name, value) in settings[at] {
+            set(&mut renderer, (name, value));
+        }
+        renderer.restart();
+        for _ in 0..SAMPLES {
+            let sample = renderer.render_sample(camera, SAMPLES, None, false);
+            sample.expect("a picture");
+        }
+        let radiance = renderer.radiance().expect("radiance");
         rel_mse(&radiance, &found.truth.radiance)
     })
 }
