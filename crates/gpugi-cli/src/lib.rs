@@ -8,7 +8,7 @@ macro_rules! println {
     };
 }
 
-mod bake;
+pub mod bake;
 mod bench;
 mod bench_edits;
 mod bench_path_tracer;
@@ -20,11 +20,12 @@ mod film;
 mod interrupt;
 mod measure;
 pub mod output;
-mod progress;
+pub mod progress;
 pub mod render;
 
 pub use gpugi_arguments::{Usage, scene_argument};
 
+use std::ffi::OsString;
 use std::io::IsTerminal;
 use std::path::Path;
 
@@ -132,21 +133,29 @@ pub fn silence_mesa() {
 }
 
 /// The exit code of a program: prints the error, if there is one.
-pub fn exit_code(result: anyhow::Result<()>) -> std::process::ExitCode {
+pub fn exit_code(result: anyhow::Result<()>) -> u8 {
     match result {
-        Ok(()) => std::process::ExitCode::SUCCESS,
+        Ok(()) => 0,
         Err(error) => {
             eprintln!("gpugi: {error:#}");
             let wrong_arguments = error.downcast_ref::<Usage>().is_some();
-            std::process::ExitCode::from(if wrong_arguments { 2 } else { 1 })
+            if wrong_arguments { 2 } else { 1 }
         }
     }
 }
 
-/// The command, with the arguments of the process.
-pub fn main() -> std::process::ExitCode {
+/// The command, with the arguments of a process, the program's name first. Returns its exit code. To be called once, before threads
+/// start.
+pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     silence_mesa();
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse_from(arguments) {
+        Ok(arguments) => arguments,
+        // What was asked for, such as the help, or what is wrong.
+        Err(message) => {
+            message.print().ok();
+            return message.exit_code() as u8;
+        }
+    };
     log_to_stderr(&arguments.common);
     let common = &arguments.common;
     let result = match &arguments.command {

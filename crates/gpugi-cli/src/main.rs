@@ -1,5 +1,5 @@
 //! The `gpugi` command.
 
 fn main() -> std::process::ExitCode {
-    gpugi_cli::main()
+    gpugi_cli::run(std::env::args_os()).into()
 }

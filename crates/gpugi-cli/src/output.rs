@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use clap::ValueEnum;
 use glam::DVec3;
 use gpugi::denoise::Features;
 use gpugi::gpu::Gpu;
@@ -135,6 +136,29 @@ pub enum Aov {
 }
 
 impl Aov {
+    /// The one of a name, in which words are separated by - or _.
+    pub fn named(name: &str) -> Option<Self> {
+        let all = Self::value_variants().iter().copied();
+        all.into_iter()
+            .find(|aov| aov.identifier() == name.replace('-', "_"))
+    }
+
+    /// All names, as identifiers.
+    pub fn names() -> impl Iterator<Item = String> {
+        Self::value_variants().iter().map(|aov| aov.identifier())
+    }
+
+    /// Its name as an identifier of a program.
+    pub fn identifier(self) -> String {
+        let name = self.to_possible_value().expect("none is hidden");
+        name.get_name().replace('-', "_")
+    }
+
+    /// Number of its channels.
+    pub fn channels(self) -> usize {
+        self.layer().1.len()
+    }
+
     /// Its layer's name, as compositors know it, and its channels.
     fn layer(self) -> (&'static str, &'static str) {
         match self {
@@ -149,7 +173,7 @@ impl Aov {
     }
 
     /// Its value for a pixel: the mean over samples that hit a surface, for denoisers over all samples.
-    fn value(self, features: &Features, scene: &Scene) -> [f32; 3] {
+    pub fn value(self, features: &Features, scene: &Scene) -> [f32; 3] {
         let of_hits = |sum: [f32; 3]| sum.map(|sum| sum / features.hits.max(1.0));
         let of_all = |sum: [f32; 3]| sum.map(|sum| sum / features.samples.max(1.0));
         match self {

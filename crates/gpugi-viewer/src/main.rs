@@ -64,7 +64,7 @@ fn main() -> ExitCode {
     silence_mesa();
     let arguments = arguments();
     log_to_stderr(&arguments.common);
-    exit_code(run(&arguments))
+    exit_code(run(&arguments)).into()
 }
 
 /// Those of the process; without a scene, the Cornell box.

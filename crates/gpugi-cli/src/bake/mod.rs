@@ -21,7 +21,7 @@ use gpugi_scene::import_environment;
 use crate::output::{make_folder, write_json};
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
-use scene::SceneOptions;
+pub use scene::{Baked, Order, SceneOptions, Subject, bake};
 
 /// Options of `gpugi bake`.
 #[derive(Debug, clap::Args)]
@@ -95,7 +95,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         [name] if name == light_path_map::INFO.name => {
             precomputed::run::<LightPathMap>(common, scene, output, set, options)
         }
-        _ => scene::run(common, scene, output, technique, set, options),
+        _ => scene::run(common, scene, output, (technique, set, options)),
     }
 }
 

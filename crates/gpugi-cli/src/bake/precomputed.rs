@@ -18,6 +18,7 @@ use gpugi_scene::{LightPathPanes, Scene, TransferVectors};
 use super::has_extension;
 use super::scene::{SceneOptions, too_thin, write};
 use super::work::begin;
+use crate::progress::Progress;
 use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
@@ -158,9 +159,9 @@ pub fn run<T: Baked>(
     interrupt::catch();
     let techniques = [name.to_owned()];
     let mut work = begin(
-        common,
+        Progress::new(common.quiet),
         &gpu,
-        output,
+        [output, &std::env::current_exe()?],
         &scene,
         (&techniques, settings, options),
     )?;
@@ -190,7 +191,7 @@ pub fn run<T: Baked>(
     work.progress.finish();
     work.timed("rays");
     let stored = bake.finish()?;
-    let warnings = write(arguments, output, |original| {
+    let warnings = write(Some(arguments), output, |original| {
         T::export(original, &scene, &stored, options)
     })?;
     notes.extend(warnings);

@@ -21,6 +21,7 @@ use super::has_extension;
 use super::lights::{self, Lights, Part};
 use super::work::{Work, begin};
 use crate::output::make_folder;
+use crate::progress::Progress;
 use crate::render::{print_notes, usage};
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
@@ -98,6 +99,25 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
+    /// Those of words as on the command line.
+    ///
+    /// # Errors
+    /// [`Usage`].
+    pub fn of_words(words: &[String]) -> anyhow::Result<Self> {
+        #[derive(clap::Parser)]
+        #[command(no_binary_name = true)]
+        struct Line {
+            #[command(flatten)]
+            options: SceneOptions,
+        }
+        let line = <Line as clap::Parser>::try_parse_from(words).map_err(|error| {
+            let message = error.to_string();
+            let first = message.lines().next().unwrap_or_default();
+            Usage(first.trim_start_matches("error: ").to_owned())
+        })?;
+        Ok(line.options)
+    }
+
     /// Width and height of a page [texels].
     pub fn page_size(&self) -> u32 {
         self.atlas_size.unwrap_or(1024)
@@ -113,16 +133,70 @@ impl SceneOptions {
     }
 }
 
+/// A scene to bake.
+pub struct Subject<'a> {
+    /// The scene.
+    pub scene: Scene,
+    /// What loading it had to say.
+    pub notes: Vec<String>,
+    /// What it was loaded with; `None` if it is as no file has it.
+    pub source: Option<&'a SceneArguments>,
+    /// The file of the program that runs: another program does not go on with what it has begun.
+    pub program: PathBuf,
+}
+
+/// What to bake: techniques, `--set` options, and the rest.
+pub type Order<'a> = (&'a [String], &'a [String], &'a SceneOptions);
+
+/// A bake that is done.
+pub struct Baked {
+    /// Number of pages, and their width and height (texels).
+    pub pages: [u32; 2],
+    /// What is to be known of it, one sentence each.
+    pub notes: Vec<String>,
+    /// Duration of each part, in words.
+    pub times: Vec<String>,
+}
+
 /// Bakes and writes the file, completely or not at all.
 pub fn run(
     common: &Common,
     arguments: &SceneArguments,
     output: &Path,
-    techniques: &[String],
-    settings: &[String],
-    options: &SceneOptions,
+    order: Order<'_>,
 ) -> anyhow::Result<()> {
     let started = Instant::now();
+    check(output, order)?;
+    let (scene, notes) = scene_argument::load(arguments)?;
+    let gpu = Gpu::open(&common.adapter)?;
+    interrupt::catch();
+    let subject = Subject {
+        scene,
+        notes,
+        source: Some(arguments),
+        program: std::env::current_exe()?,
+    };
+    let baked = bake(&gpu, subject, output, order, Progress::new(common.quiet))?;
+    print_notes(common, &baked.notes);
+    if !common.quiet {
+        let [pages, size] = baked.pages;
+        println!(
+            "{}: {} of {size}x{size} texels, {:.2} s on {} ({})",
+            output.display(),
+            match pages {
+                1 => "1 page".to_owned(),
+                pages => format!("{pages} pages"),
+            },
+            started.elapsed().as_secs_f64(),
+            gpu.adapter.name,
+            baked.times.join(", ")
+        );
+    }
+    Ok(())
+}
+
+/// Refuses what makes no sense, before anything is loaded.
+fn check(output: &Path, (techniques, _, options): Order<'_>) -> anyhow::Result<()> {
     if !has_extension(output, &["glb"]) {
         return Err(Usage(format!(
             "-o {}: scenes are baked into .glb files",
@@ -131,7 +205,6 @@ pub fn run(
         .into());
     }
     crate::output::check_folders([output])?;
-    let (effects, settings) = (options.display).effects(Effects::default(), settings)?;
     if (options.bake_mode, options.lobes) == (Mode::Lightmap, Lobes::All) {
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
         return Err(Usage(message.into()).into());
@@ -140,12 +213,28 @@ pub fn run(
         let message = "--denoise: one sample does not tell its noise";
         return Err(Usage(message.into()).into());
     }
-    lights::check(techniques)?;
-    let (scene, mut notes) = scene_argument::load(arguments)?;
-    let original = scene;
+    Ok(lights::check(techniques)?)
+}
+
+/// Bakes a scene and writes the file, completely or not at all.
+pub fn bake<'a>(
+    gpu: &'a Gpu,
+    subject: Subject<'_>,
+    output: &Path,
+    order: Order<'_>,
+    progress: Progress<'a>,
+) -> anyhow::Result<Baked> {
+    check(output, order)?;
+    let (techniques, settings, options) = order;
+    let (effects, settings) = (options.display).effects(Effects::default(), settings)?;
+    let Subject {
+        scene: original,
+        mut notes,
+        source,
+        program,
+    } = subject;
     let (scene, turned) = original.with_lit_fronts();
-    let gpu = Gpu::open(&common.adapter)?;
-    let lights = Lights::new(&gpu, &scene, techniques, &options.include, &settings);
+    let lights = Lights::new(gpu, &scene, techniques, &options.include, &settings);
     if options.denoise
         && !lights
             .names
@@ -156,11 +245,10 @@ pub fn run(
         let message = format!("--denoise: filters the noise of {noisy}, which is not baked");
         return Err(Usage(message).into());
     }
-    interrupt::catch();
     let mut work = begin(
-        common,
-        &gpu,
-        output,
+        progress,
+        gpu,
+        [output, &program],
         &scene,
         (techniques, &settings, options),
     )?;
@@ -209,7 +297,7 @@ pub fn run(
             ..LightOptions::default()
         };
         let mut bake =
-            LightBake::new(&gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;
+            LightBake::new(gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;
         if bake.tiles() > 1 {
             notes.push(format!(
                 "lit in {} tiles of {} MiB",
@@ -230,14 +318,14 @@ pub fn run(
         }
         light(&mut bake, &mut work)?;
         if let Some(folder) = &options.dump_maps {
-            crate::output::dump_maps(&gpu, &bake.lighting().maps(), folder)?;
+            crate::output::dump_maps(gpu, &bake.lighting().maps(), folder)?;
         }
         let lit = bake.finish();
         leaks = Some(lit.leaks);
         let light = match options.bake_mode {
             Mode::Unlit => {
-                let alpha = gpugi::capture::atlas::alpha(&gpu, &scene, &atlas)?;
-                unlit(&gpu, &lit.pages, alpha.as_deref(), &effects)?
+                let alpha = gpugi::capture::atlas::alpha(gpu, &scene, &atlas)?;
+                unlit(gpu, &lit.pages, alpha.as_deref(), &effects)?
             }
             Mode::Emissive => lit.pages.into_iter().map(BakedLight::Emissive).collect(),
             Mode::Lightmap => lightmaps(lit.pages, atlas.size, output)?,
@@ -252,29 +340,19 @@ pub fn run(
             dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
-    let warnings = write(arguments, output, |file| {
+    let warnings = write(source, output, |file| {
         export_bake(file, &original, &atlas.clone().turned(&turned), &pages)
     })?;
     notes.extend(warnings);
     work.timed("writing");
     work.forget();
-    print_notes(common, &notes);
-    if !common.quiet {
-        println!(
-            "{}: {} of {}x{} texels, {:.2} s on {} ({})",
-            output.display(),
-            match atlas.pages {
-                1 => "1 page".to_owned(),
-                pages => format!("{pages} pages"),
-            },
-            atlas.size,
-            atlas.size,
-            started.elapsed().as_secs_f64(),
-            gpu.adapter.name,
-            work.times.join(", ")
-        );
-    }
-    Ok(())
+    let mut of_work = work.progress.notes();
+    of_work.extend(notes);
+    Ok(Baked {
+        pages: [atlas.pages, atlas.size],
+        notes: of_work,
+        times: work.times,
+    })
 }
 
 /// Removes the instances that keep their materials from an atlas.
@@ -449,22 +527,24 @@ fn light(bake: &mut LightBake<'_>, work: &mut Work<'_>) -> anyhow::Result<()> {
 
 /// Writes what `export` makes of the original file, if there is one; returns warnings about what could not be preserved.
 pub fn write(
-    arguments: &SceneArguments,
+    source: Option<&SceneArguments>,
     output: &Path,
     export: impl FnOnce(Option<Original>) -> Result<Exported, ExportError>,
 ) -> anyhow::Result<Vec<String>> {
-    let name = &arguments.scene;
-    let path = PathBuf::from(name);
-    let exported = if has_extension(&path, &["gltf", "glb"]) {
-        let bytes = std::fs::read(&path).with_context(|| format!("{name}: cannot be read"))?;
-        export(Some(Original {
-            name,
-            bytes: &bytes,
-            resolver: &arguments.resolver()?,
-            limits: arguments.limits()?,
-        }))?
-    } else {
-        export(None)?
+    let is_gltf =
+        |source: &&SceneArguments| has_extension(Path::new(&source.scene), &["gltf", "glb"]);
+    let exported = match source.filter(is_gltf) {
+        Some(source) => {
+            let name = &source.scene;
+            let bytes = std::fs::read(name).with_context(|| format!("{name}: cannot be read"))?;
+            export(Some(Original {
+                name,
+                bytes: &bytes,
+                resolver: &source.resolver()?,
+                limits: source.limits()?,
+            }))?
+        }
+        None => export(None)?,
     };
     replace_file(output, |file| {
         std::io::Write::write_all(file, &exported.glb)

@@ -11,9 +11,8 @@ use gpugi_scene::image::replace_file;
 use gpugi_scene::{Atlas, AtlasError, AtlasOptions, Scene, TexelDensity};
 
 use super::scene::SceneOptions;
+use crate::Usage;
 use crate::progress::Progress;
-use crate::render::print_notes;
-use crate::{Common, Usage, interrupt};
 
 /// Interval between checkpoints.
 const SAVE_EVERY: Duration = Duration::from_secs(60);
@@ -24,10 +23,9 @@ const MOST_TEXELS: u64 = 1 << 28;
 const MOST_PAGES: u64 = 1024;
 
 /// A running bake: its results so far, and where to save them if it is stopped.
-#[derive(Debug)]
 pub struct Work<'a> {
     pub gpu: &'a Gpu,
-    pub progress: Progress,
+    pub progress: Progress<'a>,
     pub done: Checkpoint,
     pub path: PathBuf,
     key: CheckpointKey,
@@ -38,12 +36,12 @@ pub struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    pub fn new(common: &Common, gpu: &'a Gpu, output: &Path, key: CheckpointKey) -> Self {
+    pub fn new(progress: Progress<'a>, gpu: &'a Gpu, output: &Path, key: CheckpointKey) -> Self {
         let mut path = output.as_os_str().to_owned();
         path.push(".checkpoint");
         Self {
             gpu,
-            progress: Progress::new(common.quiet),
+            progress,
             done: Checkpoint::default(),
             path: path.into(),
             key,
@@ -82,7 +80,7 @@ impl<'a> Work<'a> {
         now: impl FnOnce(&mut Checkpoint) -> anyhow::Result<()>,
     ) -> anyhow::Result<()> {
         self.gpu.wait()?;
-        let is_asked = interrupt::asked();
+        let is_asked = self.progress.is_asked_to_stop();
         if !is_asked && self.saved.elapsed() < SAVE_EVERY {
             return Ok(());
         }
@@ -108,11 +106,11 @@ impl<'a> Work<'a> {
 /// What decides a bake, besides the scene and the adapter: techniques, settings and options.
 type How<'a> = (&'a [String], &'a [String], &'a SceneOptions);
 
-/// Begins a bake, or resumes it: either way, its atlas is laid out.
+/// Begins a bake, or resumes it: either way, its atlas is laid out. `program`: the file of the program that runs.
 pub fn begin<'a>(
-    common: &Common,
+    progress: Progress<'a>,
     gpu: &'a Gpu,
-    output: &Path,
+    [output, program]: [&Path; 2],
     scene: &Scene,
     (techniques, settings, options): How<'_>,
 ) -> anyhow::Result<Work<'a>> {
@@ -128,9 +126,9 @@ pub fn begin<'a>(
         )
     );
     // Before the bake begins: the program may be replaced while it runs.
-    let build = build_hash().context("this program's own file cannot be read")?;
+    let build = hash_of(program).context("this program's own file cannot be read")?;
     let key = CheckpointKey::new(&build, &key);
-    let mut work = Work::new(common, gpu, output, key);
+    let mut work = Work::new(progress, gpu, output, key);
     if options.resume && work.resume(scene)? {
         let kept = &work.done.atlas;
         anyhow::ensure!(
@@ -142,7 +140,7 @@ pub fn begin<'a>(
         if options.resume {
             let path = work.path.display();
             let note = format!("{path}: there is no checkpoint yet; the bake starts");
-            print_notes(common, &[note]);
+            work.progress.note(note);
         }
         work.done.atlas = unwrap(scene, options, &mut work.progress)?;
         let Atlas { pages, size, .. } = work.done.atlas;
@@ -150,17 +148,16 @@ pub fn begin<'a>(
             let note = format!(
                 "one page of {size}x{size} texels does not hold all charts with their gutters, at any density: there are {pages}; a larger --atlas-size or a smaller --gutter saves pages"
             );
-            print_notes(common, &[note]);
+            work.progress.note(note);
         }
     }
     work.timed("unwrapping");
     Ok(work)
 }
 
-/// The hash of the running program with all its shaders.
-fn build_hash() -> io::Result<[u8; 32]> {
-    let program = std::fs::read(std::env::current_exe()?)?;
-    Ok(*blake3::hash(&program).as_bytes())
+/// The hash of a program, which holds all its shaders.
+fn hash_of(program: &Path) -> io::Result<[u8; 32]> {
+    Ok(*blake3::hash(&std::fs::read(program)?).as_bytes())
 }
 
 /// Number of pages of `size` texels per side that fit in memory.
@@ -168,7 +165,11 @@ fn most_pages(size: u32) -> u32 {
     (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
 }
 
-fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> anyhow::Result<Atlas> {
+fn unwrap(
+    scene: &Scene,
+    options: &SceneOptions,
+    progress: &mut Progress<'_>,
+) -> anyhow::Result<Atlas> {
     let layout = AtlasOptions {
         size: options.page_size(),
         density: match options.texel_density {
@@ -180,16 +181,18 @@ fn unwrap(scene: &Scene, options: &SceneOptions, progress: &mut Progress) -> any
         ..AtlasOptions::default()
     };
     progress.show(0.0, "unwrapping");
-    Atlas::with_progress(scene, &layout, |_| !interrupt::asked()).map_err(|error| match error {
-        AtlasError::TooManyPages { .. } | AtlasError::PageTooSmall { .. } => Usage(format!(
-            "{error} (--atlas-size{})",
-            match options.texel_density {
-                Some(_) => ", --texel-density",
-                None => "",
-            }
-        ))
-        .into(),
-        AtlasError::Option { .. } => Usage(error.to_string()).into(),
-        error => error.into(),
+    Atlas::with_progress(scene, &layout, |_| !progress.is_asked_to_stop()).map_err(|error| {
+        match error {
+            AtlasError::TooManyPages { .. } | AtlasError::PageTooSmall { .. } => Usage(format!(
+                "{error} (--atlas-size{})",
+                match options.texel_density {
+                    Some(_) => ", --texel-density",
+                    None => "",
+                }
+            ))
+            .into(),
+            AtlasError::Option { .. } => Usage(error.to_string()).into(),
+            error => error.into(),
+        }
     })
 }

@@ -86,9 +86,9 @@ impl Shot {
 }
 
 /// What makes frames.
-enum Maker<'a> {
+enum Maker {
     /// Techniques, and the samples of each still picture. Without, each frame has one, and continues those before it.
-    Techniques(Box<Chosen<'a>>, Option<u32>),
+    Techniques(Box<Chosen>, Option<u32>),
     /// The path tracer, its settings, and so many samples.
     PathTracer(Box<PathTracer>, Settings, u32),
 }
@@ -101,7 +101,7 @@ pub struct Frames<'a> {
     shot: Shot,
     arguments: &'a PictureArguments,
     effects: Effects,
-    maker: Maker<'a>,
+    maker: Maker,
 }
 
 impl<'a> Frames<'a> {
@@ -206,7 +206,7 @@ impl<'a> Frames<'a> {
 /// Brings the maps to their final state for what `camera` sees of `scene`, or stops at Ctrl-C. What has no atlas is
 /// replaced.
 fn converge(
-    chosen: &mut Chosen<'_>,
+    chosen: &mut Chosen,
     scene: &Scene,
     camera: &Camera,
     motion: Option<Motion>,

@@ -208,7 +208,7 @@ impl<'a> Comparison<'a> {
         Ok(())
     }
 
-    fn chosen<'set>(&'set self, set: &'set Set, purpose: Purpose) -> anyhow::Result<Chosen<'set>> {
+    fn chosen(&self, set: &Set, purpose: Purpose) -> anyhow::Result<Chosen> {
         let Subject { scene, size, .. } = self.subject;
         let settings = &set.settings;
         Chosen::new(self.gpu, scene, size, purpose, &set.techniques, settings)

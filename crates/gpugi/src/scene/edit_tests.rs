@@ -359,6 +359,10 @@ fn the_picture_after_an_edit_is_that_of_a_new_renderer() {
     let new = |scene: &Scene| {
         let mut renderer = Renderer::new(&gpu, scene, [32; 2], &names).unwrap();
         renderer.set("shadow-map", "resolution", "256").unwrap();
+        // Maps that are quick to make: there are dozens of renderers.
+        for (name, value) in [("resolution", "32"), ("samples", "16")] {
+            renderer.set("environment-map", name, value).unwrap();
+        }
         renderer
     };
     let mut kept = new(&start);

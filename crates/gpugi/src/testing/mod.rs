@@ -5,6 +5,8 @@ pub(crate) mod chi_square;
 mod layouts;
 mod points;
 mod rooms;
+#[path = "../../tests/common/time.rs"]
+mod time;
 
 pub(crate) use points::{Point, read_points};
 
@@ -14,13 +16,16 @@ use crate::gpu::{AdapterChoice, Frame, Gpu, GpuError, Kernel, Shader, read_buffe
 use crate::techniques::{Generated, Unready};
 
 /// The adapter that tests run on: the one named by `GPUGI_TEST_ADAPTER`, otherwise the best. All tests of the process
-/// share one device. `None`, in which case the test should return, only if `GPUGI_SKIP_GPU=1`.
+/// share one device. `None`, in which case the test should return, only if `GPUGI_SKIP_GPU=1`, or without time.
 ///
 /// # Panics
 /// If there is no adapter.
 pub(crate) fn test_gpu() -> Option<Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    GPU.get_or_init(own_test_gpu).clone()
+    if !time::there_is_time() {
+        return None;
+    }
+    GPU.get_or_init(open).clone()
 }
 
 /// As [`test_gpu`], for one test alone: nobody else uploads to it.
@@ -28,6 +33,10 @@ pub(crate) fn test_gpu() -> Option<Gpu> {
 /// # Panics
 /// If there is no adapter.
 pub(crate) fn own_test_gpu() -> Option<Gpu> {
+    time::there_is_time().then(open).flatten()
+}
+
+fn open() -> Option<Gpu> {
     if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
         return None;
     }

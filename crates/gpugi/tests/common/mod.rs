@@ -2,6 +2,8 @@
 
 #![allow(dead_code)] // Each test program uses only a part.
 
+mod time;
+
 use std::hash::{BuildHasher, RandomState};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -18,14 +20,21 @@ use gpugi_scene::image::metrics::{self, Metric};
 use gpugi_scene::{Camera, Light, Material, Mesh, Projection, Scene};
 
 /// The best adapter, on a device that all tests of the program share. Returns `None`, so that the test passes without
-/// testing, only if `GPUGI_SKIP_GPU=1`.
+/// testing, only if `GPUGI_SKIP_GPU=1`, or without time.
 pub fn gpu() -> Option<Gpu> {
     static SHARED: OnceLock<Option<Gpu>> = OnceLock::new();
-    SHARED.get_or_init(own_gpu).clone()
+    if !time::there_is_time() {
+        return None;
+    }
+    SHARED.get_or_init(open).clone()
 }
 
 /// As [`gpu`], on a device of its own.
 pub fn own_gpu() -> Option<Gpu> {
+    time::there_is_time().then(open).flatten()
+}
+
+fn open() -> Option<Gpu> {
     if std::env::var_os("GPUGI_SKIP_GPU").is_some_and(|value| value == "1") {
         eprintln!("skipped: GPUGI_SKIP_GPU=1");
         return None;

@@ -71,8 +71,8 @@ impl Picture {
         self.display_referred
     }
 
-    /// Linear values, three per pixel.
-    pub(super) fn rgb(&self) -> &[f32] {
+    /// Linear values, three per pixel, row by row from the top.
+    pub fn rgb(&self) -> &[f32] {
         &self.rgb
     }
 

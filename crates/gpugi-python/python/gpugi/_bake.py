@@ -1,0 +1,61 @@
+"""Baked light, as files that other programs show."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gpugi import _gpugi
+from gpugi._gpugi import Scene
+from gpugi._picture import Setting, words_of
+from gpugi._render import Progress, Techniques, _names, _progress, _scene
+
+
+@dataclass
+class Baked:
+    """A bake that is done."""
+
+    pages: int
+    size: int
+    """Width and height of a page (texels)."""
+    notes: list[str]
+    """What is to be known of it, one sentence each."""
+
+
+def bake(
+    scene: Scene | str,
+    output: str | os.PathLike[str],
+    *,
+    techniques: Techniques = None,
+    settings: Mapping[str, Setting] | None = None,
+    adapter: str = "best",
+    progress: Progress = False,
+    **options: bool | int | float | str,
+) -> Baked:
+    """Bakes the light of a scene into the textures of a .glb that other programs show.
+
+    options: those of `gpugi bake` with underscores, such as atlas_size=1024, texel_density=32, bake_mode="lightmap",
+    samples=256, denoise=True, include="indirect", resume=True. A scene as its glTF file has it keeps everything else of
+    that file; another one is written anew.
+
+    Raises ArgumentError for what makes no sense. A bake that an exception of `progress` or Ctrl-C ends leaves a
+    checkpoint, from which resume=True goes on.
+    """
+    words = []
+    for name, value in options.items():
+        option = "--" + name.replace("_", "-")
+        if value is True:
+            words.append(option)
+        elif value is not False:
+            words.append(f"{option}={value}")
+    return Baked(
+        **_gpugi.bake(
+            _scene(scene), output, _names(techniques), words_of(settings), words, adapter, _progress(progress)
+        )
+    )
+
+
+def export(scene: Scene | str, output: str | os.PathLike[str]) -> list[str]:
+    """Writes a scene as a .glb, without environment and animation. Returns what the file cannot hold, one sentence each."""
+    return _gpugi.export(_scene(scene), output)

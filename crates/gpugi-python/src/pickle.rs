@@ -1,0 +1,34 @@
+//! Scenes as bytes, so that they travel to other processes.
+
+use gpugi_arguments::scene_argument::SceneArguments;
+use gpugi_scene::Scene;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::errors::raised;
+use crate::scene::{Kept, PyScene};
+
+/// All that a scene holds.
+type State = (Scene, Option<SceneArguments>, f32, Vec<String>);
+
+/// A scene as bytes.
+pub fn bytes(kept: &Kept, notes: &[String]) -> PyResult<Vec<u8>> {
+    let state = (&kept.scene, &kept.source, kept.time, notes);
+    postcard::to_allocvec(&state).map_err(|error| raised(anyhow::Error::new(error)))
+}
+
+/// The scene of [`bytes`]. As with all pickles: only of those whom you trust.
+#[pyfunction]
+pub fn scene_from_bytes(py: Python<'_>, bytes: &Bound<'_, PyBytes>) -> PyResult<PyScene> {
+    let bytes = bytes.as_bytes();
+    let read = py.detach(|| postcard::from_bytes::<State>(bytes));
+    let (scene, source, time, notes) = read.map_err(|error| raised(anyhow::Error::new(error)))?;
+    Ok(PyScene::of_state(
+        Kept {
+            scene,
+            source,
+            time,
+        },
+        notes,
+    ))
+}

@@ -1,0 +1,445 @@
+//! Pictures by techniques and by the path tracer, as arrays.
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+
+use gpugi::denoise::Features;
+use gpugi::gpu::Gpu;
+use gpugi::reference::{self, PathTracer};
+use gpugi::{LightingError, Motion, Purpose};
+use gpugi_cli::output::Aov;
+use gpugi_cli::render::{Chosen, path_tracer_settings};
+use gpugi_scene::{Camera, Scene};
+use pyo3::prelude::*;
+use pyo3::types::{PyAny, PyDict};
+
+use crate::camera::PyCamera;
+use crate::errors::{raised, wrong};
+use crate::gpu::device;
+use crate::report::Report;
+use crate::scene::{Kept, Shared, lock, scene_of};
+use crate::values::image;
+
+/// What a picture has beside its colour.
+pub fn layers_of(names: &[String]) -> PyResult<(Vec<Aov>, bool)> {
+    let mut aovs = Vec::new();
+    let mut has_objects = false;
+    for name in names {
+        match (Aov::named(name), name.as_str()) {
+            (Some(aov), _) => aovs.push(aov),
+            (None, "instance") => has_objects = true,
+            (None, _) => {
+                let known: Vec<String> = Aov::names().chain(["instance".to_owned()]).collect();
+                let reason = format!("there is no {name:?}; there are {}", known.join(", "));
+                return Err(wrong("aovs", reason));
+            }
+        }
+    }
+    Ok((aovs, has_objects))
+}
+
+/// Adds the layers of what pixels see.
+fn add_layers(
+    py: Python<'_>,
+    frame: &Bound<'_, PyDict>,
+    size: [u32; 2],
+    (aovs, seen): (&[Aov], &[Features]),
+    scene: &Scene,
+) -> PyResult<()> {
+    for aov in aovs.iter().filter(|aov| **aov != Aov::Variance) {
+        let channels = aov.channels();
+        let values = seen.iter().flat_map(|seen| {
+            let [x, y, z] = aov.value(seen, scene);
+            [x, y, z].into_iter().take(channels)
+        });
+        let layer = image(py, size, channels, values.collect::<Vec<f32>>())?;
+        frame.set_item(aov.identifier(), layer)?;
+    }
+    Ok(())
+}
+
+/// The size of a picture.
+pub fn check_size(size: [i64; 2]) -> PyResult<[u32; 2]> {
+    let side = |side: i64| u32::try_from(side).ok().filter(|&side| side > 0);
+    match size.map(side) {
+        [Some(width), Some(height)] => Ok([width, height]),
+        _ => {
+            let [width, height] = size;
+            Err(wrong(
+                "size",
+                format!("{width}x{height} pixels are no picture"),
+            ))
+        }
+    }
+}
+
+/// The number of samples.
+fn check_samples(samples: i64) -> PyResult<u32> {
+    match samples {
+        1..=16_777_216 => Ok(samples as u32),
+        _ => Err(wrong(
+            "samples",
+            format!("{samples} does not lie between 1 and 16777216"),
+        )),
+    }
+}
+
+/// Renders a scene by techniques.
+#[pyclass(name = "Renderer", module = "gpugi._gpugi", frozen)]
+pub struct PyRenderer {
+    gpu: Gpu,
+    shared: Shared,
+    size: [u32; 2],
+    state: Mutex<State>,
+}
+
+struct State {
+    chosen: Chosen,
+    /// The scene that the renderer shows.
+    shown: Scene,
+    has_features: bool,
+    /// The seed of its maps, once there are some.
+    seed: Option<u32>,
+}
+
+#[pymethods]
+impl PyRenderer {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        scene: &Bound<'_, PyAny>,
+        size: [i64; 2],
+        techniques: Vec<String>,
+        settings: Vec<String>,
+        adapter: &str,
+    ) -> PyResult<Self> {
+        let size = check_size(size)?;
+        let shared = scene_of(scene)?;
+        let gpu = device(py, adapter)?;
+        let shown = lock(&shared).scene.clone();
+        let purpose = Purpose::StillPicture;
+        let chosen = py.detach(|| Chosen::new(&gpu, &shown, size, purpose, &techniques, &settings));
+        let state = State {
+            chosen: chosen.map_err(raised)?,
+            shown,
+            has_features: false,
+            seed: None,
+        };
+        Ok(Self {
+            gpu,
+            shared,
+            size,
+            state: Mutex::new(state),
+        })
+    }
+
+    /// The names of the techniques in use.
+    #[getter]
+    fn techniques(&self) -> Vec<&'static str> {
+        let state = self
+            .state
+            .lock()
+            .unwrap_or_else(|broken| broken.into_inner());
+        let techniques = state.chosen.renderer.techniques().iter();
+        techniques.map(|technique| technique.info().name).collect()
+    }
+
+    /// Sets a technique's setting.
+    fn set(&self, py: Python<'_>, technique: &str, name: &str, value: &str) -> PyResult<()> {
+        py.detach(|| {
+            let mut state = self
+                .state
+                .lock()
+                .unwrap_or_else(|broken| broken.into_inner());
+            state.chosen.renderer.set(technique, name, value)
+        })
+        .map_err(raised)
+    }
+
+    /// A picture of the scene as it is now.
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Bound<'py, PyCamera>,
+        samples: i64,
+        seed: u32,
+        aovs: Vec<String>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let camera = camera.get().0.get()?;
+        let samples = check_samples(samples)?;
+        let (aovs, has_objects) = layers_of(&aovs)?;
+        if aovs.contains(&Aov::Variance) {
+            return Err(wrong("aovs", "path-tracer alone knows the variance"));
+        }
+        let kept = lock(&self.shared).clone();
+        let mut report = Report::new(progress);
+        let made = py.detach(|| {
+            let mut state = self
+                .state
+                .lock()
+                .unwrap_or_else(|broken| broken.into_inner());
+            if !aovs.is_empty() && !state.has_features {
+                state.chosen.renderer.keep_features()?;
+                state.has_features = true;
+            }
+            let is_whole = self.add(&mut state, &kept, &camera, [samples, seed], &mut report)?;
+            if !is_whole {
+                return Ok(None);
+            }
+            let renderer = &state.chosen.renderer;
+            let seen = match aovs.is_empty() {
+                true => Vec::new(),
+                false => renderer.features()?,
+            };
+            let objects = match has_objects {
+                true => renderer.surface_points()?,
+                false => Vec::new(),
+            };
+            let objects = objects.into_iter();
+            let objects = objects.map(|point| point.map_or(-1, |point| point.instance as i32));
+            let mut notes = state.chosen.notes();
+            notes.extend(renderer.warnings());
+            anyhow::Ok(Some((
+                renderer.radiance()?,
+                seen,
+                objects.collect::<Vec<i32>>(),
+                renderer.left_out(),
+                notes,
+            )))
+        });
+        report.end()?;
+        let made = made.map_err(raised)?;
+        let (radiance, seen, objects, left_out, notes) =
+            made.ok_or_else(|| raised(anyhow::anyhow!("the picture was not finished")))?;
+        let frame = PyDict::new(py);
+        frame.set_item("color", image(py, self.size, 3, radiance)?)?;
+        frame.set_item("samples", samples)?;
+        frame.set_item("left_out", left_out)?;
+        frame.set_item("notes", notes)?;
+        add_layers(py, &frame, self.size, (&aovs, &seen), &kept.scene)?;
+        if has_objects {
+            frame.set_item("instance", image(py, self.size, 1, objects)?)?;
+        }
+        Ok(frame)
+    }
+}
+
+impl PyRenderer {
+    /// Makes the picture. Returns whether it is whole.
+    fn add(
+        &self,
+        state: &mut State,
+        kept: &Kept,
+        camera: &Camera,
+        [samples, seed]: [u32; 2],
+        report: &mut Report,
+    ) -> anyhow::Result<bool> {
+        let motion = Motion::seen_by(camera, &kept.scene, kept.time);
+        loop {
+            let renderer = &mut state.chosen.renderer;
+            if state.shown != kept.scene {
+                renderer.update(&kept.scene)?;
+            }
+            renderer.forget();
+            renderer.set_seed(seed);
+            if state.seed.is_some_and(|before| before != seed) {
+                // Maps hold random numbers, too: the picture is that of a new renderer.
+                renderer.invalidate();
+            }
+            state.seed = Some(seed);
+            renderer.set_motion(motion.clone(), gpugi_cli::render::SHUTTER_STEPS)?;
+            let made = renderer.converge(camera, false, |readiness, _| {
+                report.step(f64::from(readiness.progress()), "maps")
+            });
+            match made {
+                Ok(gpugi::Readiness::Ready) => break,
+                Ok(_) => return Ok(false),
+                Err(error) => {
+                    state.chosen.without_atlas(error)?;
+                    if state.has_features {
+                        state.chosen.renderer.keep_features()?;
+                    }
+                }
+            }
+        }
+        state.shown = kept.scene.clone();
+        let renderer = &mut state.chosen.renderer;
+        for sample in 1..=samples {
+            renderer.render_sample(camera, samples, None, false)?;
+            if sample % 8 == 0 || sample == samples {
+                self.gpu.wait()?;
+            }
+            let words = format!("{sample} of {samples} samples");
+            let part = f64::from(sample) / f64::from(samples);
+            if report.step(part, &words).is_break() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Renders a scene with all light: the reference.
+#[pyclass(name = "PathTracer", module = "gpugi._gpugi", frozen)]
+pub struct PyPathTracer {
+    gpu: Gpu,
+    shared: Shared,
+    size: [u32; 2],
+    settings: Vec<String>,
+    state: Mutex<Traced>,
+}
+
+struct Traced {
+    tracer: PathTracer,
+    shown: Scene,
+    has_features: bool,
+    /// Its noise setting is in its own settings.
+    noise: f64,
+}
+
+/// A path tracer of the scene as it is.
+fn tracer_of(
+    gpu: &Gpu,
+    scene: &Scene,
+    size: [u32; 2],
+    settings: &[String],
+    noise: f64,
+) -> anyhow::Result<Traced> {
+    let mut settings = path_tracer_settings(settings)?;
+    if noise > 0.0 {
+        settings.noise = noise;
+    }
+    Ok(Traced {
+        noise,
+        tracer: PathTracer::new(gpu, scene, size, &settings)?,
+        shown: scene.clone(),
+        has_features: false,
+    })
+}
+
+#[pymethods]
+impl PyPathTracer {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        scene: &Bound<'_, PyAny>,
+        size: [i64; 2],
+        settings: Vec<String>,
+        adapter: &str,
+    ) -> PyResult<Self> {
+        let size = check_size(size)?;
+        let shared = scene_of(scene)?;
+        let gpu = device(py, adapter)?;
+        let scene = lock(&shared).scene.clone();
+        let state = py.detach(|| tracer_of(&gpu, &scene, size, &settings, 0.0));
+        Ok(Self {
+            gpu,
+            shared,
+            size,
+            settings,
+            state: Mutex::new(state.map_err(raised)?),
+        })
+    }
+
+    /// A picture of the scene as it is now.
+    #[allow(clippy::too_many_arguments)]
+    fn render<'py>(
+        &self,
+        py: Python<'py>,
+        camera: &Bound<'py, PyCamera>,
+        samples: i64,
+        noise: f64,
+        seed: u32,
+        denoise: bool,
+        aovs: Vec<String>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let camera = camera.get().0.get()?;
+        let samples = check_samples(samples)?;
+        if !(noise >= 0.0 && noise.is_finite()) {
+            return Err(wrong(
+                "noise",
+                format!("{noise} is no relative mean squared error"),
+            ));
+        }
+        let (aovs, has_objects) = layers_of(&aovs)?;
+        if has_objects {
+            return Err(wrong("aovs", "instance: a Renderer alone knows it"));
+        }
+        let kept = lock(&self.shared).clone();
+        let mut report = Report::new(progress);
+        let needs_features = denoise || !aovs.is_empty();
+        let made = py.detach(|| {
+            let mut state = self
+                .state
+                .lock()
+                .unwrap_or_else(|broken| broken.into_inner());
+            self.follow(&mut state, &kept, noise)?;
+            if needs_features && !state.has_features {
+                state.tracer.keep_features()?;
+                state.has_features = true;
+            }
+            let tracer = &mut state.tracer;
+            tracer.restart(seed)?;
+            tracer.set_motion(Motion::seen_by(&camera, &kept.scene, kept.time))?;
+            let mut is_whole = true;
+            let done = tracer.render(&camera, samples, &mut |state| {
+                let words = format!("{} of {} samples", state.samples, state.of);
+                let flow = report.step(state.fraction, &words);
+                is_whole &= flow.is_continue();
+                match is_whole {
+                    true => ControlFlow::Continue(()),
+                    false => ControlFlow::Break(()),
+                }
+            })?;
+            if !is_whole {
+                return Ok(None);
+            }
+            let noise = tracer.noise()?;
+            // One sample says nothing about its noise.
+            let radiance = match denoise && done.samples > 1 {
+                true => tracer.denoised()?,
+                false => tracer.radiance()?,
+            };
+            let seen = match aovs.is_empty() {
+                true => Vec::new(),
+                false => tracer.features()?,
+            };
+            let variance = match aovs.contains(&Aov::Variance) {
+                true => tracer.variance()?,
+                false => Vec::new(),
+            };
+            anyhow::Ok(Some((radiance, seen, variance, done.samples, noise)))
+        });
+        report.end()?;
+        let made = made.map_err(raised)?;
+        let (radiance, seen, variance, samples, noise) =
+            made.ok_or_else(|| raised(anyhow::anyhow!("the picture was not finished")))?;
+        let frame = PyDict::new(py);
+        frame.set_item("color", image(py, self.size, 3, radiance)?)?;
+        frame.set_item("samples", samples)?;
+        frame.set_item("noise", (samples > 1).then_some(noise))?;
+        let settings = path_tracer_settings(&self.settings).map_err(raised)?;
+        frame.set_item("left_out", reference::left_out(&kept.scene, &settings))?;
+        frame.set_item("notes", Vec::<String>::new())?;
+        add_layers(py, &frame, self.size, (&aovs, &seen), &kept.scene)?;
+        if !variance.is_empty() {
+            frame.set_item("variance", image(py, self.size, 3, variance)?)?;
+        }
+        Ok(frame)
+    }
+}
+
+impl PyPathTracer {
+    /// Follows the scene to what it is now; another noise is another path tracer.
+    fn follow(&self, state: &mut Traced, kept: &Kept, noise: f64) -> Result<(), anyhow::Error> {
+        let follows = noise == state.noise
+            && (state.shown == kept.scene || state.tracer.update(&kept.scene)?);
+        if !follows {
+            *state = tracer_of(&self.gpu, &kept.scene, self.size, &self.settings, noise)?;
+        }
+        state.shown = kept.scene.clone();
+        Ok::<(), LightingError>(()).map_err(Into::into)
+    }
+}
