@@ -3,7 +3,7 @@
 use glam::Vec3;
 use gpugi_scene::{Camera, Lens, Projection, lens};
 use pyo3::prelude::*;
-use pyo3::types::PyAny;
+use pyo3::types::{PyAny, PyBytes};
 
 use crate::errors::wrong;
 use crate::held::Held;
@@ -125,6 +125,16 @@ impl PyCamera {
             };
             Ok(())
         })
+    }
+
+    /// Pickles hold the camera, not its scene.
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = crate::pickle::bytes_of_camera(&self.0.get()?)?;
+        let read = py.import("gpugi._gpugi")?.getattr("camera_from_bytes")?;
+        Ok((read, (PyBytes::new(py, &bytes),)))
     }
 
     fn __repr__(&self) -> PyResult<String> {

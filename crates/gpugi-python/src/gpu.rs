@@ -27,3 +27,10 @@ pub fn device(py: Python<'_>, adapter: &str) -> PyResult<Gpu> {
         Ok(gpu)
     })
 }
+
+/// Name and driver of the adapter that a choice means.
+#[pyfunction]
+pub fn adapter_of(py: Python<'_>, adapter: &str) -> PyResult<String> {
+    let gpu = device(py, adapter)?;
+    Ok(format!("{} ({})", gpu.adapter.name, gpu.adapter.driver))
+}

@@ -24,11 +24,13 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _gpugi {
     #[pymodule_export]
-    use super::bake::{bake, export};
+    use super::bake::{PySharedBake, bake, export};
     #[pymodule_export]
     use super::camera::PyCamera;
     #[pymodule_export]
     use super::compare::{compare, develop, measure, png, read};
+    #[pymodule_export]
+    use super::gpu::adapter_of;
     #[pymodule_export]
     use super::held::List;
     #[pymodule_export]
@@ -38,7 +40,7 @@ mod _gpugi {
     #[pymodule_export]
     use super::object::PyPlaced;
     #[pymodule_export]
-    use super::pickle::scene_from_bytes;
+    use super::pickle::{camera_from_bytes, scene_from_bytes};
     #[pymodule_export]
     use super::render::{PyPathTracer, PyRenderer};
     #[pymodule_export]

@@ -1,11 +1,13 @@
-//! Scenes as bytes, so that they travel to other processes.
+//! Scenes and cameras as bytes, so that they travel to other processes.
 
 use gpugi_arguments::scene_argument::SceneArguments;
-use gpugi_scene::Scene;
+use gpugi_scene::{Camera, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
+use crate::camera::PyCamera;
 use crate::errors::raised;
+use crate::held::Held;
 use crate::scene::{Kept, PyScene};
 
 /// All that a scene holds.
@@ -31,4 +33,17 @@ pub fn scene_from_bytes(py: Python<'_>, bytes: &Bound<'_, PyBytes>) -> PyResult<
         },
         notes,
     ))
+}
+
+/// A camera as bytes.
+pub fn bytes_of_camera(camera: &Camera) -> PyResult<Vec<u8>> {
+    postcard::to_allocvec(camera).map_err(|error| raised(anyhow::Error::new(error)))
+}
+
+/// The camera of [`bytes_of_camera`].
+#[pyfunction]
+pub fn camera_from_bytes(bytes: &Bound<'_, PyBytes>) -> PyResult<PyCamera> {
+    let read = postcard::from_bytes::<Camera>(bytes.as_bytes());
+    let camera = read.map_err(|error| raised(anyhow::Error::new(error)))?;
+    Ok(PyCamera(Held::own(camera)))
 }

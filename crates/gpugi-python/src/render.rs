@@ -151,7 +151,7 @@ impl PyRenderer {
                 .state
                 .lock()
                 .unwrap_or_else(|broken| broken.into_inner());
-            state.chosen.renderer.set(technique, name, value)
+            state.chosen.set(technique, name, value)
         })
         .map_err(raised)
     }
@@ -236,6 +236,18 @@ impl PyRenderer {
         report: &mut Report,
     ) -> anyhow::Result<bool> {
         let motion = Motion::seen_by(camera, &kept.scene, kept.time);
+        if state
+            .seed
+            .replace(seed)
+            .is_some_and(|before| before != seed)
+        {
+            // Maps hold random numbers, too, and go on from those before.
+            state.chosen = state.chosen.anew(&kept.scene)?;
+            state.shown = kept.scene.clone();
+            if state.has_features {
+                state.chosen.renderer.keep_features()?;
+            }
+        }
         loop {
             let renderer = &mut state.chosen.renderer;
             if state.shown != kept.scene {
@@ -243,11 +255,6 @@ impl PyRenderer {
             }
             renderer.forget();
             renderer.set_seed(seed);
-            if state.seed.is_some_and(|before| before != seed) {
-                // Maps hold random numbers, too: the picture is that of a new renderer.
-                renderer.invalidate();
-            }
-            state.seed = Some(seed);
             renderer.set_motion(motion.clone(), gpugi_cli::render::SHUTTER_STEPS)?;
             let made = renderer.converge(camera, false, |readiness, _| {
                 report.step(f64::from(readiness.progress()), "maps")

@@ -10,11 +10,7 @@ use gpugi::gpu::{AdapterChoice, Gpu};
 use gpugi_scene::{Atlas, AtlasOptions, Scene, TexelDensity};
 
 /// The bake that all machines set up alike: scene, atlas, techniques, settings and options.
-fn bake<'a>(
-    gpu: &Gpu,
-    scene: &'a Scene,
-    atlas: &'a Atlas,
-) -> Result<LightBake<'a>, gpugi::LightingError> {
+fn bake(gpu: &Gpu, scene: &Scene, atlas: &Atlas) -> Result<LightBake, gpugi::LightingError> {
     let names = ["shadow-map", "radiosity"].map(str::to_owned);
     let options = LightOptions {
         samples: 4,

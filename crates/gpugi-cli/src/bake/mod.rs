@@ -3,6 +3,7 @@
 mod lights;
 mod precomputed;
 mod scene;
+mod tasks;
 mod volume;
 mod work;
 
@@ -22,6 +23,7 @@ use crate::output::{make_folder, write_json};
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
 pub use scene::{Baked, Order, SceneOptions, Subject, bake};
+pub use tasks::SharedBake;
 
 /// Options of `gpugi bake`.
 #[derive(Debug, clap::Args)]

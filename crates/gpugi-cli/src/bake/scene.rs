@@ -32,7 +32,7 @@ const TRACED_SAMPLES: u32 = 128;
 
 /// How a file stores light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Mode {
+pub(super) enum Mode {
     /// Display values in baseColorTexture, with KHR_materials_unlit
     Unlit,
     /// Radiance in emissiveTexture over black, with KHR_materials_emissive_strength
@@ -43,7 +43,7 @@ enum Mode {
 
 /// Which reflections a file stores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Lobes {
+pub(super) enum Lobes {
     /// Diffuse reflection, which looks the same from everywhere; surfaces without it, such as metals and glass, keep
     /// their materials
     Diffuse,
@@ -66,13 +66,13 @@ pub struct SceneOptions {
     pub gutter: u32,
     /// How the file stores light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
-    bake_mode: Mode,
+    pub(super) bake_mode: Mode,
     /// Which reflections unlit and emissive bakes store
     #[arg(long, value_name = "LOBES", default_value = "diffuse")]
-    lobes: Lobes,
+    pub(super) lobes: Lobes,
     /// Parts of light, separated by commas (default: both, unless techniques are given)
     #[arg(long, value_name = "PART,...", value_delimiter = ',')]
-    include: Vec<Part>,
+    pub(super) include: Vec<Part>,
     /// Samples per texel (default: 16; 128 where paths find the light, as they do on most adapters unless a technique is named)
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
@@ -86,7 +86,7 @@ pub struct SceneOptions {
     #[arg(long, value_name = "FORMAT", default_value = "half")]
     pub transfer_format: super::precomputed::Format,
     #[command(flatten)]
-    display: DisplayArguments,
+    pub(super) display: DisplayArguments,
     /// GPU memory for the texels lit at once (MiB); scene and maps take more
     #[arg(long, value_name = "MIB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
@@ -196,7 +196,7 @@ pub fn run(
 }
 
 /// Refuses what makes no sense, before anything is loaded.
-fn check(output: &Path, (techniques, _, options): Order<'_>) -> anyhow::Result<()> {
+pub(super) fn check(output: &Path, (techniques, _, options): Order<'_>) -> anyhow::Result<()> {
     if !has_extension(output, &["glb"]) {
         return Err(Usage(format!(
             "-o {}: scenes are baked into .glb files",
@@ -281,55 +281,22 @@ pub fn bake<'a>(
     }
     if !lights.names.is_empty() {
         let of_light: Vec<String> = of_light.into_iter().cloned().collect();
-        let light_options = LightOptions {
-            quantity: match (options.bake_mode, options.lobes) {
-                (Mode::Lightmap, _) => Quantity::Irradiance,
-                (_, Lobes::Diffuse) => Quantity::Diffuse,
-                (_, Lobes::All) => Quantity::All,
-            },
-            samples: options.samples.unwrap_or(match lights.is_traced {
-                true => TRACED_SAMPLES,
-                false => SAMPLES,
-            }),
-            seed: options.seed,
-            denoises: options.denoise || lights.is_traced,
-            memory: u64::from(options.memory) << 20,
-            ..LightOptions::default()
-        };
-        let mut bake =
-            LightBake::new(gpu, &scene, &atlas, &lights.names, &light_options).map_err(usage)?;
-        if bake.tiles() > 1 {
-            notes.push(format!(
-                "lit in {} tiles of {} MiB",
-                bake.tiles(),
-                options.memory
-            ));
-        }
-        for [technique, key, value] in split_settings(&of_light)? {
-            bake.set(technique, key, value).map_err(usage)?;
-        }
-        let left_out = bake.lighting().left_out(bake.scene());
-        if !left_out.is_empty() {
-            notes.push(format!("not in this bake: {}", left_out.join("; ")));
-        }
+        let mut bake = light_bake(gpu, &scene, &atlas, &lights, &of_light, options)?;
+        notes.extend(notes_of(&bake, options));
         work.timed("setup");
-        if lights.only_indirect {
-            bake.leave_out(&lights::direct());
-        }
         light(&mut bake, &mut work)?;
         if let Some(folder) = &options.dump_maps {
             crate::output::dump_maps(gpu, &bake.lighting().maps(), folder)?;
         }
         let lit = bake.finish();
         leaks = Some(lit.leaks);
-        let light = match options.bake_mode {
-            Mode::Unlit => {
-                let alpha = gpugi::capture::atlas::alpha(gpu, &scene, &atlas)?;
-                unlit(gpu, &lit.pages, alpha.as_deref(), &effects)?
-            }
-            Mode::Emissive => lit.pages.into_iter().map(BakedLight::Emissive).collect(),
-            Mode::Lightmap => lightmaps(lit.pages, atlas.size, output)?,
-        };
+        let light = light_of_pages(
+            gpu,
+            (&scene, &atlas),
+            lit.pages,
+            (options, &effects),
+            output,
+        )?;
         for (page, light) in pages.iter_mut().zip(light) {
             page.light = Some(light);
         }
@@ -355,8 +322,75 @@ pub fn bake<'a>(
     })
 }
 
+/// The bake of the light of an atlas, before its first step.
+pub(super) fn light_bake(
+    gpu: &Gpu,
+    scene: &Scene,
+    atlas: &Atlas,
+    lights: &Lights,
+    settings: &[String],
+    options: &SceneOptions,
+) -> anyhow::Result<LightBake> {
+    let light_options = LightOptions {
+        quantity: match (options.bake_mode, options.lobes) {
+            (Mode::Lightmap, _) => Quantity::Irradiance,
+            (_, Lobes::Diffuse) => Quantity::Diffuse,
+            (_, Lobes::All) => Quantity::All,
+        },
+        samples: options.samples.unwrap_or(match lights.is_traced {
+            true => TRACED_SAMPLES,
+            false => SAMPLES,
+        }),
+        seed: options.seed,
+        denoises: options.denoise || lights.is_traced,
+        memory: u64::from(options.memory) << 20,
+        ..LightOptions::default()
+    };
+    let bake = LightBake::new(gpu, scene, atlas, &lights.names, &light_options);
+    let mut bake = bake.map_err(usage)?;
+    for [technique, key, value] in split_settings(settings)? {
+        bake.set(technique, key, value).map_err(usage)?;
+    }
+    if lights.only_indirect {
+        bake.leave_out(&lights::direct());
+    }
+    Ok(bake)
+}
+
+/// What is to be known of a bake of light.
+pub(super) fn notes_of(bake: &LightBake, options: &SceneOptions) -> Vec<String> {
+    let mut notes = Vec::new();
+    if bake.tiles() > 1 {
+        let (tiles, memory) = (bake.tiles(), options.memory);
+        notes.push(format!("lit in {tiles} tiles of {memory} MiB"));
+    }
+    let left_out = bake.lighting().left_out(bake.scene());
+    if !left_out.is_empty() {
+        notes.push(format!("not in this bake: {}", left_out.join("; ")));
+    }
+    notes
+}
+
+/// Pages of light as files store them; those of lightmaps are also written beside the output.
+pub(super) fn light_of_pages(
+    gpu: &Gpu,
+    (scene, atlas): (&Scene, &Atlas),
+    pages: Vec<Vec<Vec3>>,
+    (options, effects): (&SceneOptions, &Effects),
+    output: &Path,
+) -> anyhow::Result<Vec<BakedLight>> {
+    match options.bake_mode {
+        Mode::Unlit => {
+            let alpha = gpugi::capture::atlas::alpha(gpu, scene, atlas)?;
+            unlit(gpu, &pages, alpha.as_deref(), effects)
+        }
+        Mode::Emissive => Ok(pages.into_iter().map(BakedLight::Emissive).collect()),
+        Mode::Lightmap => lightmaps(pages, atlas.size, output),
+    }
+}
+
 /// Removes the instances that keep their materials from an atlas.
-fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
+pub(super) fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
     for (instance, place) in scene.instances.iter().zip(&mut atlas.instances) {
         let material = &scene.materials[instance.material];
         let shines = material.emissive != Vec3::ZERO;
@@ -377,7 +411,7 @@ fn leave_out(scene: &Scene, atlas: &mut Atlas, mode: Mode, lobes: Lobes) {
 }
 
 /// Why no surface is baked.
-fn nothing_to_bake(scene: &Scene, options: &SceneOptions) -> &'static str {
+pub(super) fn nothing_to_bake(scene: &Scene, options: &SceneOptions) -> &'static str {
     if scene.bounds().is_empty() {
         return "there is nothing to bake: the scene has no surfaces";
     }
@@ -418,7 +452,7 @@ pub fn too_thin(slivers: usize) -> Option<String> {
 }
 
 /// A note on what happened to texels inside geometry.
-fn moved(leaks: &LeakReport) -> Option<String> {
+pub(super) fn moved(leaks: &LeakReport) -> Option<String> {
     let all = leaks.moved + leaks.invalid;
     (all > 0).then(|| {
         format!(
@@ -502,7 +536,7 @@ fn factor(
 }
 
 /// Lights all texels.
-fn light(bake: &mut LightBake<'_>, work: &mut Work<'_>) -> anyhow::Result<()> {
+fn light(bake: &mut LightBake, work: &mut Work<'_>) -> anyhow::Result<()> {
     if let Some(saved) = work.done.light.take() {
         bake.resume(saved)?;
     }

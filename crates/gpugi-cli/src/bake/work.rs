@@ -165,7 +165,8 @@ fn most_pages(size: u32) -> u32 {
     (MOST_TEXELS / u64::from(size.max(1)).pow(2)).clamp(1, MOST_PAGES) as u32
 }
 
-fn unwrap(
+/// Lays out the atlas of a scene.
+pub fn unwrap(
     scene: &Scene,
     options: &SceneOptions,
     progress: &mut Progress<'_>,

@@ -16,6 +16,7 @@ pub struct Chosen {
     scene: Scene,
     size: [u32; 2],
     purpose: Purpose,
+    named: Vec<String>,
     settings: Vec<String>,
     /// The renderer, with all `--set` options applied.
     pub renderer: Renderer,
@@ -48,10 +49,24 @@ impl Chosen {
             scene: scene.clone(),
             size,
             purpose,
+            named: named.to_vec(),
             settings: settings.to_vec(),
             renderer,
             set,
         })
+    }
+
+    /// The same of a scene, without the maps that this one has.
+    pub fn anew(&self, scene: &Scene) -> anyhow::Result<Self> {
+        let (named, settings) = (&self.named, &self.settings);
+        Self::new(&self.gpu, scene, self.size, self.purpose, named, settings)
+    }
+
+    /// Changes a technique's setting.
+    pub fn set(&mut self, technique: &str, name: &str, value: &str) -> anyhow::Result<()> {
+        self.renderer.set(technique, name, value).map_err(usage)?;
+        self.settings.push(format!("{technique}.{name}={value}"));
+        Ok(())
     }
 
     /// The light that is left out, and why the default set is not the first choice: one sentence each.

@@ -23,6 +23,18 @@ class Baked:
     """What is to be known of it, one sentence each."""
 
 
+def words_of_options(options: Mapping[str, bool | int | float | str]) -> list[str]:
+    """Options as on the command line."""
+    words = []
+    for name, value in options.items():
+        option = "--" + name.replace("_", "-")
+        if value is True:
+            words.append(option)
+        elif value is not False:
+            words.append(f"{option}={value}")
+    return words
+
+
 def bake(
     scene: Scene | str,
     output: str | os.PathLike[str],
@@ -42,13 +54,7 @@ def bake(
     Raises ArgumentError for what makes no sense. A bake that an exception of `progress` or Ctrl-C ends leaves a
     checkpoint, from which resume=True goes on.
     """
-    words = []
-    for name, value in options.items():
-        option = "--" + name.replace("_", "-")
-        if value is True:
-            words.append(option)
-        elif value is not False:
-            words.append(f"{option}={value}")
+    words = words_of_options(options)
     return Baked(
         **_gpugi.bake(
             _scene(scene), output, _names(techniques), words_of(settings), words, adapter, _progress(progress)

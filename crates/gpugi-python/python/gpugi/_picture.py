@@ -72,8 +72,8 @@ def show(image: ArrayLike, *, settings: Mapping[str, Setting] | None = None) -> 
     """Shows an image: in a notebook below the cell, else in the program that this system has for PNG files."""
     png = _gpugi.png(develop(image, settings=settings))
     try:
-        from IPython import get_ipython  # type: ignore[import-not-found, unused-ignore]
-        from IPython.display import Image as Shown  # type: ignore[import-not-found, unused-ignore]
+        from IPython import get_ipython
+        from IPython.display import Image as Shown
         from IPython.display import display
     except ImportError:
         pass

@@ -107,7 +107,8 @@ class Renderer:
     """Renders a scene by techniques, picture after picture.
 
     Keeps the scene on the GPU and follows it: what changes in the scene between two pictures costs no more than the
-    change. Pictures are those of the command, to the bit.
+    change. The pictures of a scene that has not changed since are those of the command, to the bit. After a change, maps
+    that improve step by step, such as those of radiosity, go on from those before: pictures then differ from the command's by their noise.
     """
 
     def __init__(

@@ -91,9 +91,9 @@ pub struct LitAtlas {
 /// Lights the texels of an atlas, tile by tile and some samples at a time. A step refines the maps by one frame until
 /// they are final; then each adds one sample of light to a tile.
 #[derive(Debug)]
-pub struct LightBake<'a> {
-    scene: &'a Scene,
-    atlas: &'a Atlas,
+pub struct LightBake {
+    scene: Scene,
+    atlas: Atlas,
     options: LightOptions,
     /// [`digest`] of the scene and the atlas.
     digest: [u8; 32],
@@ -146,15 +146,15 @@ impl Drop for Tile {
     }
 }
 
-impl<'a> LightBake<'a> {
+impl LightBake {
     /// A bake of `scene` into `atlas`, an atlas of that scene, by the named techniques.
     ///
     /// # Errors
     /// [`LightingError`].
     pub fn new(
         gpu: &Gpu,
-        scene: &'a Scene,
-        atlas: &'a Atlas,
+        scene: &Scene,
+        atlas: &Atlas,
         names: &[String],
         options: &LightOptions,
     ) -> Result<Self, LightingError> {
@@ -177,8 +177,8 @@ impl<'a> LightBake<'a> {
         let index = View::NO_SAMPLE;
         let view = View::new(&all, [1, 1], Vec2::ZERO, index, options.seed, diagonal);
         Ok(Self {
-            scene,
-            atlas,
+            scene: scene.clone(),
+            atlas: atlas.clone(),
             options: *options,
             digest: digest(scene, atlas),
             solver: Solver::new(gpu, on_gpu, lighting, view),
@@ -319,7 +319,7 @@ impl<'a> LightBake<'a> {
             ..AtlasCaptureOptions::default()
         };
         let on_gpu = &self.solver.on_gpu;
-        let capture = AtlasCapture::new(gpu, self.scene, on_gpu, self.atlas, &options)?;
+        let capture = AtlasCapture::new(gpu, &self.scene, on_gpu, &self.atlas, &options)?;
         let leaks = LeakTest::new(gpu, on_gpu, &capture)?;
         Ok((capture, leaks))
     }
@@ -411,7 +411,7 @@ impl<'a> LightBake<'a> {
             texels.extend(rows.texels);
             leak_map.extend(rows.leak_map);
         }
-        Seams::new(self.scene, self.atlas).smooth(&mut texels);
+        Seams::new(&self.scene, &self.atlas).smooth(&mut texels);
         let page = (self.atlas.size as usize).pow(2);
         LitAtlas {
             pages: texels.chunks(page).map(<[_]>::to_vec).collect(),
@@ -420,7 +420,7 @@ impl<'a> LightBake<'a> {
     }
 }
 
-impl Bake for LightBake<'_> {
+impl Bake for LightBake {
     type Samples = TexelPart;
 
     fn tasks(&self) -> Vec<Task> {
@@ -506,7 +506,7 @@ impl Bake for LightBake<'_> {
     }
 }
 
-impl LightBake<'_> {
+impl LightBake {
     pub(super) fn key(&self) -> BakeKey {
         let how = (
             "light",

@@ -28,17 +28,17 @@ fn names() -> [String; 2] {
 }
 
 /// A bake with memory for `rows` rows of texels at a time.
-fn bake<'a>(gpu: &crate::gpu::Gpu, scene: &'a Scene, atlas: &'a Atlas, rows: u64) -> LightBake<'a> {
+fn bake(gpu: &crate::gpu::Gpu, scene: &Scene, atlas: &Atlas, rows: u64) -> LightBake {
     bake_by_tasks(gpu, scene, atlas, rows, 2)
 }
 
-fn bake_by_tasks<'a>(
+fn bake_by_tasks(
     gpu: &crate::gpu::Gpu,
-    scene: &'a Scene,
-    atlas: &'a Atlas,
+    scene: &Scene,
+    atlas: &Atlas,
     rows: u64,
     samples_per_task: u32,
-) -> LightBake<'a> {
+) -> LightBake {
     let options = LightOptions {
         samples: 3,
         samples_per_task,
@@ -59,7 +59,7 @@ fn bake_by_tasks<'a>(
 }
 
 /// Takes `steps` steps, or as many as there are; returns how many it took.
-fn take(bake: &mut LightBake<'_>, steps: usize) -> usize {
+fn take(bake: &mut LightBake, steps: usize) -> usize {
     (0..steps)
         .take_while(|_| bake.step().unwrap().is_some())
         .count()

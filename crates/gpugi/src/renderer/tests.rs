@@ -14,7 +14,7 @@ use crate::testing::test_gpu;
 fn renderers_may_move_between_threads() {
     fn is_send_and_sync<T: Send + Sync>() {}
     is_send_and_sync::<Renderer>();
-    is_send_and_sync::<crate::bake::LightBake<'_>>();
+    is_send_and_sync::<crate::bake::LightBake>();
     is_send_and_sync::<crate::reference::PathTracer>();
 }
 

@@ -12,7 +12,7 @@ use crate::denoise::TexelDenoiser;
 use crate::gpu::{Frame, read_buffer};
 use crate::lighting::LightingError;
 
-impl LightBake<'_> {
+impl LightBake {
     /// Whether a part fits a task of this bake; with `whole`, all samples of the task.
     pub(super) fn check(&self, part: &TexelPart, whole: bool) -> Result<(), LightingError> {
         let TexelPart { tile, samples, .. } = part;

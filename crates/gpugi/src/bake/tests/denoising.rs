@@ -5,12 +5,12 @@ use gpugi_scene::Environment;
 use super::*;
 
 /// A bake by paths.
-fn traced<'a>(
+fn traced(
     gpu: &crate::gpu::Gpu,
-    (scene, atlas): (&'a Scene, &'a Atlas),
+    (scene, atlas): (&Scene, &Atlas),
     quantity: Quantity,
     (samples, samples_per_task, denoises): (u32, u32, bool),
-) -> LightBake<'a> {
+) -> LightBake {
     let options = LightOptions {
         quantity,
         samples,
@@ -25,7 +25,7 @@ fn traced<'a>(
     bake
 }
 
-fn lit(mut bake: LightBake<'_>) -> LitAtlas {
+fn lit(mut bake: LightBake) -> LitAtlas {
     take(&mut bake, usize::MAX);
     bake.finish()
 }

@@ -1,0 +1,136 @@
+"""Work over several workers on this machine. Ray takes seconds to begin, so all tests share one cluster."""
+
+import os
+import random
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import gpugi
+import numpy as np
+import pytest
+
+ray = pytest.importorskip("ray")
+from gpugi import distributed  # noqa: E402
+
+# Workers do not have this file.
+ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
+
+SIZE = (16, 12)
+BAKE = {"techniques": ["shadow-map"], "samples": 4, "atlas_size": 64, "texel_density": 5, "memory": 1}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cluster() -> Iterator[None]:
+    ray.init(num_cpus=4, num_gpus=0, log_to_driver=False, include_dashboard=False)
+    yield
+    ray.shutdown()
+
+
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_bakes_merge_to_the_bits_of_one_process(tmp_path: Path, workers: int) -> None:
+    gpugi.bake("cornell", tmp_path / "plain.glb", **BAKE)
+    baked = distributed.bake("cornell", tmp_path / "shared.glb", workers=workers, **BAKE)
+    assert baked.pages >= 2, "something to share out"
+    assert (tmp_path / "plain.glb").read_bytes() == (tmp_path / "shared.glb").read_bytes()
+
+
+def test_pictures_and_references_do_not_depend_on_the_workers() -> None:
+    cameras = [gpugi.Camera.look_at((x, 2.7, 8), (0, 2.7, 0)) for x in (-1.0, 0.0, 1.0)]
+    options = {"size": SIZE, "techniques": ["shadow-map"], "samples": 1, "per_task": 1, "aovs": ["depth"]}
+    films = [list(distributed.render("cornell", cameras=cameras, workers=count, **options)) for count in (1, 3)]
+    for camera, one, three in zip(cameras, *films, strict=True):
+        alone = gpugi.render("cornell", camera=camera, size=SIZE, techniques=["shadow-map"], samples=1)
+        assert np.array_equal(one.color, alone) and np.array_equal(three.color, alone)
+        assert np.array_equal(one.depth, three.depth)
+    pictures = [distributed.path_trace("cornell", size=SIZE, samples=24, per_task=8, workers=count) for count in (1, 2)]
+    assert np.array_equal(pictures[0].color, pictures[1].color)
+    assert pictures[0].noise is not None and 0 < pictures[0].noise < 1
+    # The first task is the plain picture.
+    first = distributed.path_trace("cornell", size=SIZE, samples=8, per_task=8, seed=5, workers=1)
+    assert np.array_equal(first.color, gpugi.PathTracer("cornell", size=SIZE).render(samples=8, seed=5).color)
+
+
+class Slow(distributed._Share):
+    """Squares numbers, slowly, and kills its own process at times."""
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def adapter(self) -> str:
+        return "none"
+
+    def run(self, task: int) -> int:
+        # Each time once per task.
+        flag = Path(self.folder, f"{task}")
+        if task % 2 == 0 and not flag.exists():
+            flag.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.05)
+        return task * task
+
+
+def test_killed_workers_lose_nothing(tmp_path: Path) -> None:
+    # Twenty of forty tasks kill their worker.
+    pool: distributed._Pool[int, int] = distributed._Pool(Slow, [str(tmp_path)], 3, None)
+    try:
+        pool.check()
+        found = dict(pool.run(range(40), None))
+    finally:
+        pool.close()
+    assert found == {number: number * number for number in range(40)}
+    assert pool.losses >= 20
+
+
+def test_workers_that_are_killed_while_they_bake_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gpugi.bake("cornell", tmp_path / "plain.glb", **BAKE)
+    pools: list[distributed._Pool[bytes, bytes]] = []
+    chance = random.Random(1)
+
+    class Hunted(distributed._Pool):
+        """Loses a worker whenever one begins a task, until four are lost."""
+
+        def run(self, tasks: object, report: object) -> Iterator[tuple[int, bytes]]:
+            pools.append(self)
+            thread = threading.Thread(target=hunt, args=(self,), daemon=True)
+            thread.start()
+            yield from super().run(tasks, report)
+
+    def hunt(pool: distributed._Pool[bytes, bytes]) -> None:
+        while pool.losses < 4:
+            worker = chance.choice(pool.workers)
+            try:
+                os.kill(ray.get(worker.process.remote()), signal.SIGKILL)
+            except (ray.exceptions.RayActorError, ProcessLookupError):
+                pass
+
+    monkeypatch.setattr(distributed, "_Pool", Hunted)
+    distributed.bake("cornell", tmp_path / "shared.glb", workers=2, **BAKE)
+    assert pools[0].losses >= 1, "nobody was killed"
+    assert (tmp_path / "plain.glb").read_bytes() == (tmp_path / "shared.glb").read_bytes()
+
+
+class Broken(distributed._Share):
+    def adapter(self) -> str:
+        return str(os.getpid())
+
+    def run(self, task: int) -> int:
+        raise gpugi.SceneError("there is nothing here")
+
+
+def test_what_cannot_work_says_so() -> None:
+    pool: distributed._Pool[int, int] = distributed._Pool(Broken, [], 2, None)
+    try:
+        with pytest.raises(gpugi.Error, match="do not compute the same bits"):
+            pool.check()
+        with pytest.raises(gpugi.SceneError, match="nothing here"):
+            dict(pool.run([1], None))
+    finally:
+        pool.close()
+    with pytest.raises(gpugi.ArgumentError, match="cameras"):
+        list(distributed.render("cornell"))
+    with pytest.raises(gpugi.ArgumentError, match="workers"):
+        distributed.path_trace("cornell", size=SIZE, workers=0)
