@@ -80,6 +80,7 @@ impl PySharedBake {
         settings: Vec<String>,
         options: Vec<String>,
         adapter: &str,
+        output: Option<PathBuf>,
         atlas: Option<Vec<u8>>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
@@ -100,6 +101,7 @@ impl PySharedBake {
                 &gpu,
                 subject,
                 order,
+                output.as_deref(),
                 atlas.as_deref(),
                 Progress::told_to(&mut call),
             )
@@ -134,12 +136,10 @@ impl PySharedBake {
     }
 
     fn finish<'py>(&self, py: Python<'py>, output: PathBuf) -> PyResult<Bound<'py, PyDict>> {
-        let bake = self
-            .0
-            .lock()
-            .unwrap_or_else(|broken| broken.into_inner())
-            .take();
-        let finished = py.detach(|| bake.context("the bake is finished")?.finish(&output));
+        let finished = py.detach(|| {
+            let mut bake = self.0.lock().unwrap_or_else(|broken| broken.into_inner());
+            bake.take().context("the bake is finished")?.finish(&output)
+        });
         described(py, finished.map_err(raised)?)
     }
 }

@@ -135,13 +135,13 @@ impl PyRenderer {
 
     /// The names of the techniques in use.
     #[getter]
-    fn techniques(&self) -> Vec<&'static str> {
-        let state = self
-            .state
-            .lock()
-            .unwrap_or_else(|broken| broken.into_inner());
-        let techniques = state.chosen.renderer.techniques().iter();
-        techniques.map(|technique| technique.info().name).collect()
+    fn techniques(&self, py: Python<'_>) -> Vec<&'static str> {
+        // A thread that renders calls back: it needs Python's lock, which must not wait for it.
+        py.detach(|| {
+            let state = (self.state.lock()).unwrap_or_else(|broken| broken.into_inner());
+            let techniques = state.chosen.renderer.techniques().iter();
+            techniques.map(|technique| technique.info().name).collect()
+        })
     }
 
     /// Sets a technique's setting.

@@ -39,7 +39,7 @@ pub struct SharedBake {
 }
 
 impl SharedBake {
-    /// Sets it up. `atlas`: that of another share; without, it is laid out.
+    /// Sets it up. `output`: what this share will write, if it does. `atlas`: that of another share; without, it is laid out.
     ///
     /// # Errors
     /// [`Usage`], or why the GPU does not hold the scene.
@@ -47,10 +47,14 @@ impl SharedBake {
         gpu: &Gpu,
         subject: Subject<'_>,
         (techniques, settings, options): Order<'_>,
+        output: Option<&Path>,
         atlas: Option<&[u8]>,
         mut progress: Progress<'_>,
     ) -> anyhow::Result<Self> {
-        lights::check(techniques)?;
+        match output {
+            Some(output) => check(output, (techniques, settings, options))?,
+            None => lights::check(techniques)?,
+        }
         if let Some(name) = techniques
             .iter()
             .find(|name| lights::role_of(name) == Some(Role::Factor))
@@ -142,7 +146,6 @@ impl SharedBake {
     /// # Errors
     /// If results are missing, or it cannot be written.
     pub fn finish(self, output: &Path) -> anyhow::Result<Baked> {
-        check(output, (&[], &[], &self.options))?;
         anyhow::ensure!(self.is_complete(), "results of tasks are missing");
         let Self {
             gpu,

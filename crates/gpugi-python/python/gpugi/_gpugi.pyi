@@ -370,6 +370,7 @@ class SharedBake:
         settings: list[str],
         options: list[str],
         adapter: str,
+        output: str | PathLike[str] | None,
         atlas: bytes | None,
         progress: _Call | None,
     ) -> None: ...

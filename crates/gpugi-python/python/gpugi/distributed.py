@@ -195,7 +195,7 @@ class _Bake(_Share):
     ) -> None:
         techniques, settings, options, adapter = order
         self.name = _gpugi.adapter_of(adapter)
-        self.bake = _gpugi.SharedBake(scene, techniques, settings, options, adapter, atlas, None)
+        self.bake = _gpugi.SharedBake(scene, techniques, settings, options, adapter, None, atlas, None)
         self.bake.merge(maps)
 
     def adapter(self) -> str:
@@ -226,7 +226,7 @@ def bake(
     words = words_of_options({"memory": 64, **options})
     order = (_names(techniques), words_of(settings), words, adapter)
     report = _progress(progress)
-    merged = _gpugi.SharedBake(loaded, *order, None, report)
+    merged = _gpugi.SharedBake(loaded, *order, output, None, report)
     first, *others = merged.tasks()
     maps = merged.run(first)
     merged.merge(maps)
