@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> tuple[float, float]:
 
     scene = scene_with_lamp()
     renderer = gpugi.Renderer(scene, size=tuple(options.size), techniques=["shadow-map"])
-    # As from a lamp that nobody has told of.
+    # The picture that is wished for has the lamp here.
     scene.lights["lamp"].position = (1.2, 3.6, 0.9)
     wished = renderer.render(samples=1).color
 

@@ -50,11 +50,11 @@ struct Arguments {
 /// Options of every command.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Common {
-    /// GPU to use: part of its name, `software` or `discrete` (default: the fastest)
+    /// GPU to use: part of its name, its place in `gpugi list adapters` from #0 on, `software` or `discrete` (default: the fastest)
     #[arg(
         long,
         global = true,
-        value_name = "NAME|software|discrete",
+        value_name = "NAME|#N|software|discrete",
         default_value = "best",
         hide_default_value = true
     )]

@@ -83,9 +83,10 @@ pub struct Arguments {
     denoise: bool,
 }
 
-/// Default samples per pixel for techniques, and with a lens or an open shutter.
-const TECHNIQUE_SAMPLES: u32 = 4;
-const BLURRED_SAMPLES: u32 = 64;
+/// Default samples per pixel for techniques, unless a lens or an open shutter blurs the picture.
+pub const TECHNIQUE_SAMPLES: u32 = 4;
+/// Of pictures that they blur.
+pub const BLURRED_SAMPLES: u32 = 64;
 /// Default samples per pixel for the path tracer.
 pub const PATH_TRACER_SAMPLES: u32 = 256;
 /// Default steps of maps while the shutter is open.

@@ -1,7 +1,6 @@
 //! Baked light, as files that other programs show.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
 
 use anyhow::Context;
 use gpugi_cli::bake::{Baked, SceneOptions, SharedBake, Subject, bake as bake_scene};
@@ -11,6 +10,7 @@ use gpugi_scene::image::replace_file;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 
+use crate::busy::Busy;
 use crate::errors::{raised, wrong};
 use crate::gpu::device;
 use crate::report::Report;
@@ -52,7 +52,7 @@ pub fn bake<'py>(
 
 /// A share in a bake: see `gpugi.distributed`.
 #[pyclass(name = "SharedBake", module = "gpugi._gpugi", frozen)]
-pub struct PySharedBake(Mutex<Option<SharedBake>>);
+pub struct PySharedBake(Busy<Option<SharedBake>>);
 
 impl PySharedBake {
     /// Does something with it, without Python's lock.
@@ -62,7 +62,7 @@ impl PySharedBake {
         work: impl FnOnce(&mut SharedBake) -> anyhow::Result<R> + Send,
     ) -> PyResult<R> {
         py.detach(|| {
-            let mut bake = self.0.lock().unwrap_or_else(|broken| broken.into_inner());
+            let mut bake = self.0.lock()?;
             work(bake.as_mut().context("the bake is finished")?)
         })
         .map_err(raised)
@@ -107,7 +107,7 @@ impl PySharedBake {
             )
         });
         report.end()?;
-        Ok(Self(Mutex::new(Some(made.map_err(raised)?))))
+        Ok(Self(Busy::new(Some(made.map_err(raised)?))))
     }
 
     fn atlas<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
@@ -137,7 +137,7 @@ impl PySharedBake {
 
     fn finish<'py>(&self, py: Python<'py>, output: PathBuf) -> PyResult<Bound<'py, PyDict>> {
         let finished = py.detach(|| {
-            let mut bake = self.0.lock().unwrap_or_else(|broken| broken.into_inner());
+            let mut bake = self.0.lock()?;
             bake.take().context("the bake is finished")?.finish(&output)
         });
         described(py, finished.map_err(raised)?)

@@ -51,9 +51,13 @@ impl PyCamera {
             camera.world_from_view.y_axis = backward.cross(right).extend(0.0);
         }
         if let Some(aperture) = aperture {
-            let focus = focus.map_or(Ok(eye.distance(target)), |value| number("focus", value))?;
+            let focus = focus.map_or(Ok(eye.distance(target)), |value| {
+                number_in("focus", value, [1e-6, f32::MAX])
+            })?;
             let lens = Lens::new(number("aperture", aperture)?, focus, 0);
             camera.lens = lens.map_err(|error| wrong("aperture", error))?;
+        } else if focus.is_some() {
+            return Err(wrong("focus", "it takes an aperture"));
         }
         if let Some(seconds) = shutter {
             let seconds = lens::shutter(number("shutter", seconds)?);

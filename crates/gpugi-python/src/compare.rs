@@ -7,7 +7,7 @@ use gpugi::picture::{Effects, developed};
 use gpugi::{Motion, Purpose};
 use gpugi_arguments::with_settings;
 use gpugi_cli::render::{Chosen, is_path_tracer};
-use gpugi_scene::image::metrics::{self, Metric, MetricError, Picture, both_display_referred};
+use gpugi_scene::image::metrics::{self, Metric, MetricError, Picture};
 use gpugi_scene::image::write_png;
 use numpy::{PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -70,7 +70,7 @@ pub fn compare<'py>(
         picture_of("test", test)?,
         picture_of("reference", reference)?,
     ];
-    if both_display_referred(&test, &reference) != test.is_display_referred() {
+    if test.is_display_referred() != reference.is_display_referred() {
         return Err(wrong(
             "reference",
             "compare radiance with radiance, bytes with bytes",

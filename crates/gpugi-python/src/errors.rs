@@ -30,7 +30,8 @@ fn class_of(error: &anyhow::Error) -> &'static str {
     }
 }
 
-fn exception(class: &str, message: String) -> PyErr {
+/// An exception of gpugi by the name of its class.
+pub fn exception(class: &str, message: String) -> PyErr {
     Python::attach(|py| {
         let made = py
             .import("gpugi._errors")

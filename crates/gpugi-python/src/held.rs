@@ -6,10 +6,10 @@ use gpugi_scene::{Camera, Instance, Light, Material, Scene};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyIndexError, PyKeyError};
 use pyo3::prelude::*;
-use pyo3::types::PyAny;
+use pyo3::types::{PyAny, PyList};
 
 use crate::camera::PyCamera;
-use crate::errors::wrong;
+use crate::errors::exception;
 use crate::light::PyLight;
 use crate::material::PyMaterial;
 use crate::object::PyPlaced;
@@ -51,7 +51,8 @@ things! {
 /// A value of its own, or one of a scene.
 pub enum Held<T> {
     Own(Mutex<T>),
-    Of(Shared, usize),
+    /// Its scene, its index there, and how often something had been removed.
+    Of(Shared, usize, u64),
 }
 
 impl<T: Thing> Held<T> {
@@ -60,7 +61,8 @@ impl<T: Thing> Held<T> {
     }
 
     pub fn of(scene: Shared, index: usize) -> Self {
-        Self::Of(scene, index)
+        let removals = lock(&scene).removals;
+        Self::Of(scene, index, removals)
     }
 
     /// The value.
@@ -70,10 +72,15 @@ impl<T: Thing> Held<T> {
                 let value = value.lock().unwrap_or_else(|broken| broken.into_inner());
                 Ok(value.clone())
             }
-            Self::Of(scene, index) => {
-                let kept = lock(scene);
-                let found = T::all(&kept.scene).get(*index);
-                found.cloned().ok_or_else(gone)
+            Self::Of(scene, index, removals) => {
+                let found = {
+                    let kept = lock(scene);
+                    let is_there = kept.removals == *removals;
+                    is_there
+                        .then(|| T::all(&kept.scene).get(*index).cloned())
+                        .flatten()
+                };
+                found.ok_or_else(gone)
             }
         }
     }
@@ -86,11 +93,19 @@ impl<T: Thing> Held<T> {
             Self::Own(own) => {
                 *own.lock().unwrap_or_else(|broken| broken.into_inner()) = value;
             }
-            Self::Of(scene, index) => {
-                let mut kept = lock(scene);
-                let place = T::all_mut(&mut kept.scene).get_mut(*index);
-                *place.ok_or_else(gone)? = value;
-                kept.source = None;
+            // Another thread may have removed something meanwhile.
+            Self::Of(scene, index, removals) => {
+                let is_there = {
+                    let mut kept = lock(scene);
+                    let is_there = kept.removals == *removals;
+                    let place = T::all_mut(&mut kept.scene).get_mut(*index);
+                    let changed = place.filter(|_| is_there).map(|place| *place = value);
+                    kept.source = None;
+                    changed.is_some()
+                };
+                if !is_there {
+                    return Err(gone());
+                }
             }
         }
         Ok(())
@@ -98,7 +113,8 @@ impl<T: Thing> Held<T> {
 }
 
 fn gone() -> PyErr {
-    wrong("this", "it is no longer in the scene")
+    let reason = "something was removed from its scene since: get it from the scene once more";
+    exception("Error", reason.to_owned())
 }
 
 /// Which list of a scene.
@@ -156,6 +172,12 @@ impl List {
         self.names().len()
     }
 
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let items = (0..self.names().len()).map(|index| self.item(py, index));
+        let items = items.collect::<PyResult<Vec<_>>>()?;
+        Ok(PyList::new(py, items)?.try_iter()?.into_any())
+    }
+
     fn __getitem__(&self, py: Python<'_>, which: &Bound<'_, PyAny>) -> PyResult<Py<PyAny>> {
         let names = self.names();
         if let Ok(name) = which.extract::<String>() {
@@ -170,7 +192,9 @@ impl List {
             };
             return self.item(py, found.ok_or_else(|| PyKeyError::new_err(message()))?);
         }
-        let index: isize = which.extract()?;
+        let index: isize = which
+            .extract()
+            .map_err(|_| PyIndexError::new_err("an index or a name is needed"))?;
         let count = names.len() as isize;
         let from_start = if index < 0 { index + count } else { index };
         match (0..count).contains(&from_start) {

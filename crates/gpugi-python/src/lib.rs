@@ -1,6 +1,7 @@
 //! gpugi for Python. `python/gpugi` wraps this module: the public names, their types and their documentation are there.
 
 mod bake;
+mod busy;
 mod camera;
 mod compare;
 mod errors;

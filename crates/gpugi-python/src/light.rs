@@ -39,6 +39,13 @@ fn kind_of(kind: &str, cone: Option<[f32; 2]>) -> PyResult<LightKind> {
     }
 }
 
+/// The light at a position, shining in a direction, which is exact far from the origin, too.
+fn aimed(light: Light, position: Vec3, direction: Vec3) -> Light {
+    let mut light = light.aimed(Vec3::ZERO, direction);
+    light.world_from_light.w_axis = position.extend(1.0);
+    light
+}
+
 #[pymethods]
 impl PyLight {
     #[new]
@@ -68,7 +75,7 @@ impl PyLight {
         };
         let toward = toward.try_normalize();
         let toward = toward.ok_or_else(|| wrong("direction", "it points nowhere"))?;
-        let mut light = Light::new(name, kind, intensity).aimed(position, position + toward);
+        let mut light = aimed(Light::new(name, kind, intensity), position, toward);
         if let Some(radius) = radius {
             light.radius = number_in("radius", radius, [0.0, f32::MAX])?;
         }
@@ -116,8 +123,7 @@ impl PyLight {
         let direction = vector("direction", value)?.try_normalize();
         let direction = direction.ok_or_else(|| wrong("direction", "it points nowhere"))?;
         self.0.change(|light| {
-            let position = light.position();
-            *light = light.clone().aimed(position, position + direction);
+            *light = aimed(light.clone(), light.position(), direction);
             Ok(())
         })
     }

@@ -1,5 +1,7 @@
 //! Placed meshes.
 
+use std::sync::Arc;
+
 use gpugi_scene::Instance;
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
@@ -57,19 +59,25 @@ impl PyPlaced {
     fn material(&self) -> PyResult<PyMaterial> {
         let index = self.0.get()?.material;
         match &self.0 {
-            Held::Of(scene, _) => Ok(PyMaterial(Held::of(scene.clone(), index))),
+            Held::Of(scene, ..) => Ok(PyMaterial(Held::of(scene.clone(), index))),
             Held::Own(_) => Err(wrong("material", "the object is in no scene")),
         }
     }
 
-    /// Gives it a material that it shares with no other object.
+    /// Gives it a material of its scene, or a copy of another one.
     #[setter]
     fn set_material(&self, material: &Bound<'_, PyMaterial>) -> PyResult<()> {
+        let of_scene = match (&material.get().0, &self.0) {
+            (Held::Of(its, index, _), Held::Of(scene, ..)) if Arc::ptr_eq(its, scene) => {
+                Some(*index)
+            }
+            _ => None,
+        };
         let material = material.get().0.get()?;
-        let Held::Of(scene, _) = &self.0 else {
+        let Held::Of(scene, ..) = &self.0 else {
             return Err(wrong("material", "the object is in no scene"));
         };
-        let index = lock(scene).scene.add_material(material);
+        let index = of_scene.unwrap_or_else(|| lock(scene).scene.add_material(material));
         self.0.change(|object| {
             object.material = index;
             Ok(())

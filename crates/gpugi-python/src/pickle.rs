@@ -30,6 +30,7 @@ pub fn scene_from_bytes(py: Python<'_>, bytes: &Bound<'_, PyBytes>) -> PyResult<
             scene,
             source,
             time,
+            removals: 0,
         },
         notes,
     ))

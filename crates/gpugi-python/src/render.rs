@@ -1,18 +1,18 @@
 //! Pictures by techniques and by the path tracer, as arrays.
 
 use std::ops::ControlFlow;
-use std::sync::Mutex;
 
 use gpugi::denoise::Features;
 use gpugi::gpu::Gpu;
 use gpugi::reference::{self, PathTracer};
 use gpugi::{LightingError, Motion, Purpose};
 use gpugi_cli::output::Aov;
-use gpugi_cli::render::{Chosen, path_tracer_settings};
+use gpugi_cli::render::{BLURRED_SAMPLES, Chosen, TECHNIQUE_SAMPLES, path_tracer_settings};
 use gpugi_scene::{Camera, Scene};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 
+use crate::busy::Busy;
 use crate::camera::PyCamera;
 use crate::errors::{raised, wrong};
 use crate::gpu::device;
@@ -90,7 +90,7 @@ pub struct PyRenderer {
     gpu: Gpu,
     shared: Shared,
     size: [u32; 2],
-    state: Mutex<State>,
+    state: Busy<State>,
 }
 
 struct State {
@@ -129,28 +129,26 @@ impl PyRenderer {
             gpu,
             shared,
             size,
-            state: Mutex::new(state),
+            state: Busy::new(state),
         })
     }
 
     /// The names of the techniques in use.
     #[getter]
-    fn techniques(&self, py: Python<'_>) -> Vec<&'static str> {
-        // A thread that renders calls back: it needs Python's lock, which must not wait for it.
+    fn techniques(&self, py: Python<'_>) -> PyResult<Vec<&'static str>> {
+        // Without Python's lock: a thread that renders takes that when it calls back.
         py.detach(|| {
-            let state = (self.state.lock()).unwrap_or_else(|broken| broken.into_inner());
+            let state = self.state.lock()?;
             let techniques = state.chosen.renderer.techniques().iter();
-            techniques.map(|technique| technique.info().name).collect()
+            anyhow::Ok(techniques.map(|technique| technique.info().name).collect())
         })
+        .map_err(raised)
     }
 
     /// Sets a technique's setting.
     fn set(&self, py: Python<'_>, technique: &str, name: &str, value: &str) -> PyResult<()> {
         py.detach(|| {
-            let mut state = self
-                .state
-                .lock()
-                .unwrap_or_else(|broken| broken.into_inner());
+            let mut state = self.state.lock()?;
             state.chosen.set(technique, name, value)
         })
         .map_err(raised)
@@ -161,24 +159,27 @@ impl PyRenderer {
         &self,
         py: Python<'py>,
         camera: &Bound<'py, PyCamera>,
-        samples: i64,
+        samples: Option<i64>,
         seed: u32,
         aovs: Vec<String>,
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let camera = camera.get().0.get()?;
-        let samples = check_samples(samples)?;
+        let samples = samples.map(check_samples).transpose()?;
         let (aovs, has_objects) = layers_of(&aovs)?;
         if aovs.contains(&Aov::Variance) {
             return Err(wrong("aovs", "path-tracer alone knows the variance"));
         }
         let kept = lock(&self.shared).clone();
+        let is_blurred =
+            !camera.lens.is_pinhole() || Motion::seen_by(&camera, &kept.scene, kept.time).is_some();
+        let samples = samples.unwrap_or(match is_blurred {
+            true => BLURRED_SAMPLES,
+            false => TECHNIQUE_SAMPLES,
+        });
         let mut report = Report::new(progress);
         let made = py.detach(|| {
-            let mut state = self
-                .state
-                .lock()
-                .unwrap_or_else(|broken| broken.into_inner());
+            let mut state = self.state.lock()?;
             if !aovs.is_empty() && !state.has_features {
                 state.chosen.renderer.keep_features()?;
                 state.has_features = true;
@@ -236,22 +237,22 @@ impl PyRenderer {
         report: &mut Report,
     ) -> anyhow::Result<bool> {
         let motion = Motion::seen_by(camera, &kept.scene, kept.time);
-        if state
-            .seed
-            .replace(seed)
-            .is_some_and(|before| before != seed)
+        // Maps hold random numbers, too, and go on from those before; another scene may take other techniques.
+        if state.seed.is_some_and(|before| before != seed)
+            || (state.shown != kept.scene && !state.chosen.suits(&kept.scene))
         {
-            // Maps hold random numbers, too, and go on from those before.
             state.chosen = state.chosen.anew(&kept.scene)?;
             state.shown = kept.scene.clone();
             if state.has_features {
                 state.chosen.renderer.keep_features()?;
             }
         }
+        state.seed = Some(seed);
         loop {
             let renderer = &mut state.chosen.renderer;
             if state.shown != kept.scene {
                 renderer.update(&kept.scene)?;
+                state.shown = kept.scene.clone();
             }
             renderer.forget();
             renderer.set_seed(seed);
@@ -260,17 +261,17 @@ impl PyRenderer {
                 report.step(f64::from(readiness.progress()), "maps")
             });
             match made {
-                Ok(gpugi::Readiness::Ready) => break,
-                Ok(_) => return Ok(false),
+                Ok(_) if report.has_ended() => return Ok(false),
+                Ok(_) => break,
                 Err(error) => {
                     state.chosen.without_atlas(error)?;
+                    state.chosen.renderer.update(&kept.scene)?;
                     if state.has_features {
                         state.chosen.renderer.keep_features()?;
                     }
                 }
             }
         }
-        state.shown = kept.scene.clone();
         let renderer = &mut state.chosen.renderer;
         for sample in 1..=samples {
             renderer.render_sample(camera, samples, None, false)?;
@@ -294,7 +295,7 @@ pub struct PyPathTracer {
     shared: Shared,
     size: [u32; 2],
     settings: Vec<String>,
-    state: Mutex<Traced>,
+    state: Busy<Traced>,
 }
 
 struct Traced {
@@ -345,7 +346,7 @@ impl PyPathTracer {
             shared,
             size,
             settings,
-            state: Mutex::new(state.map_err(raised)?),
+            state: Busy::new(state.map_err(raised)?),
         })
     }
 
@@ -378,10 +379,7 @@ impl PyPathTracer {
         let mut report = Report::new(progress);
         let needs_features = denoise || !aovs.is_empty();
         let made = py.detach(|| {
-            let mut state = self
-                .state
-                .lock()
-                .unwrap_or_else(|broken| broken.into_inner());
+            let mut state = self.state.lock()?;
             self.follow(&mut state, &kept, noise)?;
             if needs_features && !state.has_features {
                 state.tracer.keep_features()?;

@@ -18,6 +18,9 @@ impl Report {
 
     /// To be called between steps, without Python's lock.
     pub fn step(&mut self, part: f64, words: &str) -> ControlFlow<()> {
+        if self.error.is_some() {
+            return ControlFlow::Break(());
+        }
         let gone_on = Python::attach(|py| {
             py.check_signals()?;
             match &self.call {
@@ -32,6 +35,11 @@ impl Report {
                 ControlFlow::Break(())
             }
         }
+    }
+
+    /// Whether an exception has ended the work.
+    pub fn has_ended(&self) -> bool {
+        self.error.is_some()
     }
 
     /// The exception that ended the work, if one did.

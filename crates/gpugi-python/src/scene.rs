@@ -27,6 +27,8 @@ pub struct Kept {
     pub source: Option<SceneArguments>,
     /// Animation time (s).
     pub time: f32,
+    /// How often something was removed: what refers to an index before is then void.
+    pub removals: u64,
 }
 
 /// A scene that Python holds, with all that refers to it.
@@ -47,11 +49,33 @@ pub struct PyScene {
 impl PyScene {
     pub fn new(scene: Scene, source: Option<SceneArguments>, notes: Vec<String>) -> Self {
         let time = source.as_ref().map_or(0.0, |source| source.time);
+        // What the file does not have is not found in it again.
+        let is_of_file = |source: &SceneArguments| {
+            source.edit.is_empty() && source.without.is_empty() && source.time == 0.0
+        };
+        let source = source.filter(is_of_file).and_then(|source| {
+            let path = std::path::absolute(&source.scene)
+                .ok()?
+                .to_str()?
+                .to_owned();
+            let is_file = std::path::Path::new(&path).is_file();
+            let folder = source
+                .files_from
+                .map(std::path::absolute)
+                .transpose()
+                .ok()?;
+            is_file.then_some(SceneArguments {
+                scene: path,
+                files_from: folder,
+                ..source
+            })
+        });
         Self::of_state(
             Kept {
                 scene,
                 source,
                 time,
+                removals: 0,
             },
             notes,
         )
@@ -72,11 +96,10 @@ impl PyScene {
     }
 
     /// Changes the scene.
-    fn change<R>(&self, change: impl FnOnce(&mut Scene) -> PyResult<R>) -> PyResult<R> {
+    fn change<R>(&self, change: impl FnOnce(&mut Scene) -> R) -> R {
         let mut kept = lock(&self.shared);
-        let changed = change(&mut kept.scene)?;
         kept.source = None;
-        Ok(changed)
+        change(&mut kept.scene)
     }
 }
 
@@ -165,6 +188,12 @@ impl PyScene {
         crate::json::object(py, &serde_json::to_value(statistics).unwrap_or_default())
     }
 
+    /// Where the origin of world space lies in the file's coordinates (m): not at 0 for scenes far away.
+    #[getter]
+    fn origin(&self) -> [f64; 3] {
+        lock(&self.shared).scene.origin.to_array()
+    }
+
     /// The corners of the box that holds all objects (m), in the file's coordinates: two tuples of three.
     #[getter]
     fn bounds(&self) -> ([f64; 3], [f64; 3]) {
@@ -204,8 +233,10 @@ impl PyScene {
             Some(which) => Some(which.str()?.to_string()),
             None => None,
         };
-        let kept = lock(&self.shared);
-        let camera = scene_argument::camera(&kept.scene, words.as_deref(), aspect);
+        let camera = {
+            let kept = lock(&self.shared);
+            scene_argument::camera(&kept.scene, words.as_deref(), aspect)
+        };
         Ok(PyCamera(Held::own(camera.map_err(raised)?)))
     }
 
@@ -234,8 +265,8 @@ impl PyScene {
         let index = self.change(|scene| {
             let material = scene.add_material(material);
             let mesh = scene.add_mesh(mesh);
-            Ok(scene.add_instance(name, mesh, material, place))
-        })?;
+            scene.add_instance(name, mesh, material, place)
+        });
         Ok(PyPlaced(Held::of(self.shared.clone(), index)))
     }
 
@@ -244,8 +275,8 @@ impl PyScene {
         let light = light.get().0.get()?;
         let index = self.change(|scene| {
             scene.lights.push(light);
-            Ok(scene.lights.len() - 1)
-        })?;
+            scene.lights.len() - 1
+        });
         Ok(PyLight(Held::of(self.shared.clone(), index)))
     }
 
@@ -254,28 +285,33 @@ impl PyScene {
         let camera = camera.get().0.get()?;
         let index = self.change(|scene| {
             scene.cameras.push(camera);
-            Ok(scene.cameras.len() - 1)
-        })?;
+            scene.cameras.len() - 1
+        });
         Ok(PyCamera(Held::of(self.shared.clone(), index)))
     }
 
     /// Removes the objects, lights and media of these names; * stands for any characters.
     fn remove(&self, names: &str) -> PyResult<()> {
-        self.change(|scene| scene.remove(names).map_err(|error| wrong("names", error)))
+        let removed = {
+            let mut kept = lock(&self.shared);
+            let removed = kept.scene.remove(names);
+            kept.removals += 1;
+            kept.source = None;
+            removed
+        };
+        removed.map_err(|error| wrong("names", error))
     }
 
     /// Edits as the command does: "light.0.position=0,2,0".
     fn edit(&self, edit: &str) -> PyResult<()> {
-        self.change(|scene| edits::apply(&[edit.to_owned()], scene).map_err(raised))
+        let edited = self.change(|scene| edits::apply(&[edit.to_owned()], scene));
+        edited.map_err(raised)
     }
 
     /// Sets what moves by animation to a time (s).
     fn pose(&self, time: &Bound<'_, PyAny>) -> PyResult<()> {
         let time = number("time", time)?;
-        self.change(|scene| {
-            scene.pose(time);
-            Ok(())
-        })?;
+        self.change(|scene| scene.pose(time));
         lock(&self.shared).time = time;
         Ok(())
     }
@@ -308,10 +344,8 @@ impl PyScene {
                 environment.intensity = crate::values::number_in("intensity", value, [zero, most])?;
             }
         }
-        self.change(|scene| {
-            scene.environment = environment;
-            Ok(())
-        })
+        self.change(|scene| scene.environment = environment);
+        Ok(())
     }
 
     /// A copy, which shares meshes and images until one of both changes.
@@ -339,7 +373,8 @@ impl PyScene {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
-        let bytes = crate::pickle::bytes(&lock(&self.shared), &self.notes)?;
+        let kept = lock(&self.shared).clone();
+        let bytes = py.detach(|| crate::pickle::bytes(&kept, &self.notes))?;
         let read = py.import("gpugi._gpugi")?.getattr("scene_from_bytes")?;
         Ok((read, (PyBytes::new(py, &bytes),)))
     }

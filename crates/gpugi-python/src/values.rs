@@ -178,7 +178,15 @@ pub fn pixels(name: &str, value: &Bound<'_, PyAny>) -> PyResult<([u32; 2], Vec<f
 /// `value` as a contiguous array of numbers of a type.
 fn as_array<'py>(name: &str, value: &Bound<'py, PyAny>, of: &str) -> PyResult<Bound<'py, PyAny>> {
     let numpy = value.py().import("numpy")?;
-    numpy
-        .call_method1("ascontiguousarray", (value, of))
-        .map_err(|_| wrong(name, format!("an array of numbers ({of}) is needed")))
+    let given = numpy.call_method1("asarray", (value,));
+    let kind = |array: &Bound<'_, PyAny>| array.getattr("dtype")?.getattr("kind")?.extract();
+    let is_numbers = |array: &Bound<'_, PyAny>| {
+        let kind: PyResult<String> = kind(array);
+        kind.is_ok_and(|kind| ["f", "i", "u"].contains(&&*kind))
+    };
+    given
+        .ok()
+        .filter(is_numbers)
+        .and_then(|array| numpy.call_method1("ascontiguousarray", (array, of)).ok())
+        .ok_or_else(|| wrong(name, "an array of numbers is needed"))
 }

@@ -49,6 +49,9 @@ def test_pictures_and_references_do_not_depend_on_the_workers() -> None:
     pictures = [distributed.path_trace("cornell", size=SIZE, samples=24, per_task=8, workers=count) for count in (1, 2)]
     assert np.array_equal(pictures[0].color, pictures[1].color)
     assert pictures[0].noise is not None and 0 < pictures[0].noise < 1
+    # Tasks that end early weigh less: the picture is as bright.
+    early = distributed.path_trace("cornell", size=SIZE, samples=96, per_task=48, settings={"path-tracer.noise": 0.5}, workers=1)
+    assert early.samples < 96 and early.color.mean() == pytest.approx(pictures[0].color.mean(), rel=0.3)
     # The first task is the plain picture.
     first = distributed.path_trace("cornell", size=SIZE, samples=8, per_task=8, seed=5, workers=1)
     assert np.array_equal(first.color, gpugi.PathTracer("cornell", size=SIZE).render(samples=8, seed=5).color)
@@ -95,16 +98,22 @@ def test_workers_that_are_killed_while_they_bake_lose_nothing(tmp_path: Path, mo
 
         def run(self, tasks: object, report: object) -> Iterator[tuple[int, bytes]]:
             pools.append(self)
-            thread = threading.Thread(target=hunt, args=(self,), daemon=True)
+            thread = threading.Thread(target=hunt, args=(self,))
             thread.start()
-            yield from super().run(tasks, report)
+            try:
+                yield from super().run(tasks, report)
+            finally:
+                is_done.set()
+                thread.join()
+
+    is_done = threading.Event()
 
     def hunt(pool: distributed._Pool[bytes, bytes]) -> None:
-        while pool.losses < 4:
+        while pool.losses < 4 and not is_done.is_set():
             worker = chance.choice(pool.workers)
             try:
-                os.kill(ray.get(worker.process.remote()), signal.SIGKILL)
-            except (ray.exceptions.RayActorError, ProcessLookupError):
+                os.kill(ray.get(worker.process.remote(), timeout=5), signal.SIGKILL)
+            except (ray.exceptions.RayError, ProcessLookupError):
                 pass
 
     monkeypatch.setattr(distributed, "_Pool", Hunted)
@@ -132,5 +141,9 @@ def test_what_cannot_work_says_so() -> None:
         pool.close()
     with pytest.raises(gpugi.ArgumentError, match="cameras"):
         list(distributed.render("cornell"))
+    with pytest.raises(gpugi.GpuError, match="no such GPU"):
+        list(distributed.render("cornell", times=[0], size=SIZE, adapter="no such GPU"))
+    with pytest.raises(gpugi.ArgumentError, match="resume"):
+        distributed.bake("cornell", "baked.glb", resume=True)
     with pytest.raises(gpugi.ArgumentError, match="workers"):
         distributed.path_trace("cornell", size=SIZE, workers=0)

@@ -1,6 +1,7 @@
 """The package as its users see it. Small pictures: the GPU may be a processor."""
 
 import gc
+import os
 import pickle
 import subprocess
 import sys
@@ -121,6 +122,10 @@ def test_copies_and_pickles_are_scenes_of_their_own() -> None:
     [
         ("size", lambda: gpugi.render("cornell", size=(-3, 4))),
         ("size", lambda: gpugi.render("cornell", size=3)),
+        ("size", lambda: gpugi.render("cornell", size=(16.5, 4))),
+        ("seed", lambda: gpugi.render("cornell", size=SIZE, seed=-1)),
+        ("techniques", lambda: gpugi.render("cornell", size=SIZE, techniques=[3])),
+        ("reference_samples", lambda: gpugi.measure("cornell", size=SIZE, reference_samples=0)),
         ("nothing", lambda: gpugi.render("nothing")),
         ("samples", lambda: gpugi.render("cornell", size=SIZE, samples=0)),
         ("no-such", lambda: gpugi.render("cornell", size=SIZE, techniques=["no-such"])),
@@ -144,6 +149,10 @@ def test_copies_and_pickles_are_scenes_of_their_own() -> None:
         ("cone", lambda: gpugi.Light("spot", cone=(1, 0.5))),
         ("target", lambda: gpugi.Camera.look_at((0, 0, 0), (0, 0, 0))),
         ("fov", lambda: gpugi.Camera.look_at((0, 0, 0), (0, 0, 1), fov=180)),
+        ("vertices", lambda: gpugi.Scene().add_mesh(np.eye(3) * 1j, [[0, 1, 2]])),
+        ("focus", lambda: gpugi.Camera.look_at((0, 0, 0), (0, 0, 1), aperture=1, focus=-1)),
+        ("noise", lambda: gpugi.measure("cornell", size=SIZE, noise=float("nan"))),
+        ("reference", lambda: gpugi.compare(np.zeros((4, 4, 3)), np.zeros((4, 4, 3), np.uint8))),
         ("test", lambda: gpugi.compare(np.zeros((4, 4)), np.zeros((4, 4, 3)))),
         ("reference", lambda: gpugi.compare(np.zeros((4, 4, 3)), np.full((4, 4, 3), np.inf))),
         ("metrics", lambda: gpugi.compare(np.zeros((4, 4, 3)), np.zeros((4, 4, 3)), metrics=["beauty"])),
@@ -197,6 +206,67 @@ def test_what_the_callback_raises_ends_the_work() -> None:
     assert np.array_equal(again, gpugi.render("cornell", size=SIZE, techniques="path-tracer", samples=4))
 
 
+def test_what_was_broken_off_leaves_nothing_behind() -> None:
+    scene = gpugi.Scene.load("cornell")
+    lamp = next(material for material in scene.materials if max(material.emission) > 0)
+    settings = {"radiosity.resolution": 32, "radiosity.iterations": 4}
+    renderer = gpugi.Renderer(scene, size=SIZE, settings=settings)
+    before = renderer.render(samples=1).color
+    emission = lamp.emission
+    lamp.emission = (0, 0, 50)
+    calls: list[str] = []
+
+    def stop(_: float, words: str) -> None:
+        calls.append(words)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        renderer.render(samples=8, progress=stop)
+    assert calls == ["maps"], "it went on"
+    lamp.emission = emission
+    assert renderer.render(samples=1).color == pytest.approx(before, rel=0.2, abs=0.02)
+
+
+def test_callbacks_cannot_use_what_has_called_them() -> None:
+    renderer = gpugi.Renderer("cornell", size=SIZE, techniques=DIRECT)
+    with pytest.raises(gpugi.Error, match="callback"):
+        renderer.render(samples=1, progress=lambda *_: renderer.render(samples=1))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_forked_processes_say_that_they_cannot_render() -> None:
+    gpugi.render("cornell", size=SIZE, techniques=DIRECT, samples=1)
+    child = os.fork()
+    if child == 0:
+        try:
+            gpugi.render("cornell", size=SIZE, techniques=DIRECT, samples=1)
+        except gpugi.Error as error:
+            os._exit(7 if "spawn" in str(error) else 1)
+        os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+
+
+def test_another_scene_gets_the_techniques_that_suit_it() -> None:
+    scene = lit_floor()
+    settings: dict[str, int] = {}
+    renderer = gpugi.Renderer(scene, size=SIZE, settings=settings)
+    renderer.render(samples=1)
+    scene.set_environment(np.ones((8, 16, 3)))
+    renderer.render(samples=1)
+    assert renderer.techniques == gpugi.Renderer(scene, size=SIZE).techniques != ["shadow-map", "radiosity"]
+
+
+def test_views_of_what_was_removed_say_so() -> None:
+    scene = lit_floor()
+    for name in ("two", "three"):
+        scene.add_light(gpugi.Light("point", position=(0, 2, 0), name=name))
+    view = scene.lights["two"]
+    scene.remove("lamp")
+    with pytest.raises(gpugi.Error, match="removed"):
+        view.position = (1, 1, 1)
+    assert [light.name for light in scene.lights] == ["two", "three"]
+
+
 def test_threads_work_side_by_side_and_python_goes_on() -> None:
     expected = gpugi.render("cornell", size=SIZE, techniques=DIRECT, samples=2)
     pictures: list[np.ndarray] = []
@@ -248,6 +318,10 @@ def test_bakes(tmp_path: Path) -> None:
     assert shown.statistics["triangles"] == 2 and shown.statistics["images"] > 0
     assert gpugi.export(scene, tmp_path / "plain.glb") == []
     assert gpugi.Scene.load(tmp_path / "plain.glb").lights.names == ["lamp"]
+    # What is not in the file is not taken from there.
+    moved = gpugi.Scene.load(tmp_path / "plain.glb", edit=["light.lamp.position=0.5,1,0"])
+    gpugi.bake(moved, tmp_path / "moved.glb", techniques=DIRECT, samples=1, atlas_size=64)
+    assert gpugi.Scene.load(tmp_path / "moved.glb").lights[0].position == [0.5, 1, 0]
 
 
 def test_dropped_scenes_leave_no_memory() -> None:

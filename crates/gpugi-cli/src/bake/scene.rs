@@ -216,6 +216,17 @@ pub(super) fn check(output: &Path, (techniques, _, options): Order<'_>) -> anyho
     Ok(lights::check(techniques)?)
 }
 
+/// Refuses a filter where there is no noise.
+pub(super) fn check_denoise(options: &SceneOptions, lights: &Lights) -> anyhow::Result<()> {
+    let is_noisy = |name: &String| lights::noisy().contains(&&**name);
+    if options.denoise && !lights.names.iter().any(is_noisy) {
+        let noisy = lights::noisy().join(", ");
+        let message = format!("--denoise: filters the noise of {noisy}, which is not baked");
+        return Err(Usage(message).into());
+    }
+    Ok(())
+}
+
 /// Bakes a scene and writes the file, completely or not at all.
 pub fn bake<'a>(
     gpu: &'a Gpu,
@@ -235,16 +246,7 @@ pub fn bake<'a>(
     } = subject;
     let (scene, turned) = original.with_lit_fronts();
     let lights = Lights::new(gpu, &scene, techniques, &options.include, &settings);
-    if options.denoise
-        && !lights
-            .names
-            .iter()
-            .any(|name| lights::noisy().contains(&&**name))
-    {
-        let noisy = lights::noisy().join(", ");
-        let message = format!("--denoise: filters the noise of {noisy}, which is not baked");
-        return Err(Usage(message).into());
-    }
+    check_denoise(options, &lights)?;
     let mut work = begin(
         progress,
         gpu,

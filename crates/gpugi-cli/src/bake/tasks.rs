@@ -13,8 +13,8 @@ use gpugi_scene::{Atlas, Scene};
 
 use super::lights::{self, Lights};
 use super::scene::{
-    Baked, Order, SceneOptions, Subject, check, leave_out, light_bake, light_of_pages, moved,
-    notes_of, nothing_to_bake, too_thin, write,
+    Baked, Order, SceneOptions, Subject, check, check_denoise, leave_out, light_bake,
+    light_of_pages, moved, notes_of, nothing_to_bake, too_thin, write,
 };
 use super::work::unwrap;
 use crate::Usage;
@@ -39,7 +39,8 @@ pub struct SharedBake {
 }
 
 impl SharedBake {
-    /// Sets it up. `output`: what this share will write, if it does. `atlas`: that of another share; without, it is laid out.
+    /// Sets it up. `output`: the file, if this share is the one that writes it. `atlas`: that of another share; without, it is
+    /// laid out.
     ///
     /// # Errors
     /// [`Usage`], or why the GPU does not hold the scene.
@@ -71,6 +72,7 @@ impl SharedBake {
         } = subject;
         let (scene, turned) = original.with_lit_fronts();
         let lights = Lights::new(gpu, &scene, techniques, &options.include, &settings);
+        check_denoise(options, &lights)?;
         let whole: Atlas = match atlas {
             Some(bytes) => postcard::from_bytes(bytes).context("the atlas is none")?,
             None => unwrap(&scene, options, &mut progress)?,

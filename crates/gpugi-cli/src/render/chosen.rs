@@ -22,6 +22,8 @@ pub struct Chosen {
     pub renderer: Renderer,
     /// The default set, unless techniques were named.
     pub set: Option<DefaultSet>,
+    /// The one that was chosen first: what has no atlas is still in it.
+    first: Option<DefaultSet>,
 }
 
 impl Chosen {
@@ -52,11 +54,19 @@ impl Chosen {
             named: named.to_vec(),
             settings: settings.to_vec(),
             renderer,
+            first: set.clone(),
             set,
         })
     }
 
-    /// The same of a scene, without the maps that this one has.
+    /// Whether another scene, such as this one after edits, would get the same techniques and settings.
+    pub fn suits(&self, scene: &Scene) -> bool {
+        let registry = Registry::default();
+        let choose = || default_set(scene, &self.gpu.adapter, self.purpose, &registry);
+        self.first.as_ref().is_none_or(|set| *set == choose())
+    }
+
+    /// One with the same order for a scene: it has no maps yet.
     pub fn anew(&self, scene: &Scene) -> anyhow::Result<Self> {
         let (named, settings) = (&self.named, &self.settings);
         Self::new(&self.gpu, scene, self.size, self.purpose, named, settings)

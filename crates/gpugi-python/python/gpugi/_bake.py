@@ -6,10 +6,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpugi import _gpugi
-from gpugi._gpugi import Scene
 from gpugi._picture import Setting, words_of
-from gpugi._render import Progress, Techniques, _names, _progress, _scene
+from gpugi._render import Progress, SceneLike, Techniques, _names, _progress, _scene
+
+
+Option = bool | int | float | str | list[str] | tuple[str, ...] | None
 
 
 @dataclass
@@ -23,27 +27,30 @@ class Baked:
     """What is to be known of it, one sentence each."""
 
 
-def words_of_options(options: Mapping[str, bool | int | float | str]) -> list[str]:
+def words_of_options(options: Mapping[str, Option]) -> list[str]:
     """Options as on the command line."""
     words = []
     for name, value in options.items():
         option = "--" + name.replace("_", "-")
-        if value is True:
-            words.append(option)
-        elif value is not False:
+        if value is None or isinstance(value, (bool, np.bool_)):
+            if value:
+                words.append(option)
+        elif isinstance(value, (list, tuple)):
+            words.append(f"{option}={','.join(map(str, value))}")
+        else:
             words.append(f"{option}={value}")
     return words
 
 
 def bake(
-    scene: Scene | str,
+    scene: SceneLike,
     output: str | os.PathLike[str],
     *,
     techniques: Techniques = None,
     settings: Mapping[str, Setting] | None = None,
     adapter: str = "best",
     progress: Progress = False,
-    **options: bool | int | float | str,
+    **options: Option,
 ) -> Baked:
     """Bakes the light of a scene into the textures of a .glb that other programs show.
 
@@ -62,6 +69,6 @@ def bake(
     )
 
 
-def export(scene: Scene | str, output: str | os.PathLike[str]) -> list[str]:
+def export(scene: SceneLike, output: str | os.PathLike[str]) -> list[str]:
     """Writes a scene as a .glb, without environment and animation. Returns what the file cannot hold, one sentence each."""
     return _gpugi.export(_scene(scene), output)

@@ -176,7 +176,7 @@ class Object:
     def position(self, value: _Vector) -> None: ...
     @property
     def material(self) -> Material:
-        """Its material, which other objects may share. Another one is its own from then on."""
+        """Its material, which other objects may share. What is set is a material of its scene, or copied."""
 
     @material.setter
     def material(self, value: Material) -> None: ...
@@ -265,6 +265,10 @@ class Scene:
         """Counts and sizes, as `gpugi info` prints them."""
 
     @property
+    def origin(self) -> list[float]:
+        """Where the origin of world space lies in the file's coordinates (m): not at 0 for scenes far away."""
+
+    @property
     def bounds(self) -> tuple[list[float], list[float]]:
         """The corners of the box that holds all objects (m), in the file's coordinates."""
 
@@ -299,7 +303,7 @@ class Scene:
         uvs: ArrayLike | None = None,
         name: str = "",
     ) -> Object:
-        """Adds a mesh and places it. Triangles are counter-clockwise where they face the viewer.
+        """Adds a mesh and places it, with a copy of the material. Triangles are counter-clockwise where they face the viewer.
 
         vertices: (N, 3) numbers (m). triangles: (M, 3) whole numbers, indices of vertices. normals: (N, 3); smooth ones
         without. uvs: (N, 2), v downward. transform: (4, 4), world space from the mesh's. Arrays may have any strides.
@@ -344,7 +348,7 @@ class Renderer:
     def techniques(self) -> list[str]: ...
     def set(self, technique: str, name: str, value: str) -> None: ...
     def render(
-        self, camera: Camera, samples: int, seed: int, aovs: list[str], progress: _Call | None
+        self, camera: Camera, samples: int | None, seed: int, aovs: list[str], progress: _Call | None
     ) -> dict[str, Any]: ...
 
 @final

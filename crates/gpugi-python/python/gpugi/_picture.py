@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gpugi import _gpugi
+from gpugi._errors import ArgumentError
 
 Setting = bool | int | float | str
 
@@ -20,9 +21,7 @@ def words_of(settings: Mapping[str, Setting] | None) -> list[str]:
     """Settings as the command takes them: name=value."""
     words = []
     for name, value in (settings or {}).items():
-        if "." not in name:
-            from gpugi._errors import ArgumentError
-
+        if not isinstance(name, str) or "." not in name or "=" in name:
             raise ArgumentError(f"settings: {name!r} is not of the form technique.setting")
         text = str(value).lower() if isinstance(value, (bool, np.bool_)) else str(value)
         words.append(f"{name}={text}")
@@ -35,7 +34,11 @@ class Image(np.ndarray[Any, np.dtype[np.float32]]):
     def _repr_png_(self) -> bytes | None:
         if self.ndim != 3 or self.shape[2] != 3 or 0 in self.shape:
             return None
-        return _gpugi.png(develop(self))
+        try:
+            return _gpugi.png(develop(self))
+        except ArgumentError:
+            # It holds what is not finite.
+            return None
 
 
 def develop(image: ArrayLike, *, settings: Mapping[str, Setting] | None = None, adapter: str = "best") -> NDArray[np.uint8]:
@@ -63,8 +66,6 @@ def save(image: ArrayLike, path: str | os.PathLike[str], *, settings: Mapping[st
         with open(path, "wb") as file:
             file.write(_gpugi.png(develop(image, settings=settings)))
     else:
-        from gpugi._errors import ArgumentError
-
         raise ArgumentError(f"path: {path!r} must end in .png or .npy")
 
 

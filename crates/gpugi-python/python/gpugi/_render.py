@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -40,10 +42,36 @@ def _names(techniques: Techniques) -> list[str]:
     if techniques is None:
         return []
     names = [techniques] if isinstance(techniques, str) else list(techniques)
+    for name in names:
+        if not isinstance(name, str):
+            raise ArgumentError(f"techniques: {name!r} is not the name of one")
     return names or ["none"]
 
 
-def _scene(scene: Scene | str) -> Scene:
+def _whole(argument: str, value: int, least: int, most: int) -> int:
+    """A whole number in a range."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ArgumentError(f"{argument}: {value!r} is not a whole number") from None
+    if not least <= number <= most:
+        raise ArgumentError(f"{argument}: {number} does not lie between {least} and {most}")
+    return number
+
+
+def _samples(samples: int, argument: str = "samples", least: int = 1) -> int:
+    return _whole(argument, samples, least, 16_777_216)
+
+
+def _seed(seed: int) -> int:
+    return _whole("seed", seed, 0, 0xFFFFFFFF)
+
+
+SceneLike = Scene | str | os.PathLike[str]
+"""A Scene, a file, or the name of a built-in scene."""
+
+
+def _scene(scene: SceneLike) -> Scene:
     return scene if isinstance(scene, Scene) else Scene.load(scene)
 
 
@@ -51,15 +79,15 @@ def _camera(scene: Scene, camera: Camera | str | int | None, size: tuple[int, in
     if isinstance(camera, Camera):
         return camera
     width, height = size
-    return scene.camera(camera, aspect=width / height if width > 0 and height > 0 else 1.0)
+    return scene.camera(camera, aspect=width / height)
 
 
 def _size(size: tuple[int, int]) -> tuple[int, int]:
     try:
-        width, height = (int(side) for side in size)
+        width, height = size
     except (TypeError, ValueError):
         raise ArgumentError(f"size: {size!r} is not (width, height)") from None
-    return width, height
+    return _whole("size", width, 1, 1 << 20), _whole("size", height, 1, 1 << 20)
 
 
 @dataclass
@@ -108,12 +136,13 @@ class Renderer:
 
     Keeps the scene on the GPU and follows it: what changes in the scene between two pictures costs no more than the
     change. The pictures of a scene that has not changed since are those of the command, to the bit. After a change, maps
-    that improve step by step, such as those of radiosity, go on from those before: pictures then differ from the command's by their noise.
+    that improve step by step, such as radiosity's, go on from those before: pictures differ from the command's by the
+    noise of these maps.
     """
 
     def __init__(
         self,
-        scene: Scene | str,
+        scene: SceneLike,
         *,
         size: tuple[int, int] = (1024, 768),
         techniques: Techniques = None,
@@ -146,14 +175,16 @@ class Renderer:
         self,
         camera: Camera | str | int | None = None,
         *,
-        samples: int = 4,
+        samples: int | None = None,
         seed: int = 0,
         aovs: Iterable[str] = (),
         progress: Progress = False,
     ) -> Frame:
-        """A picture of the scene as it is now. samples: per pixel, once all maps are final."""
+        """A picture of the scene as it is now. samples: per pixel, once all maps are final; 4 by default, 64 if a lens or
+        an open shutter blurs it."""
         seen = _camera(self.scene, camera, self.size)
-        return _frame(self._renderer.render(seen, samples, seed, list(aovs), _progress(progress)))
+        made = self._renderer.render(seen, None if samples is None else _samples(samples), _seed(seed), list(aovs), _progress(progress))
+        return _frame(made)
 
     def render_all(self, cameras: Iterable[Camera | str | int], **options: Any) -> list[Frame]:
         """A picture for each camera."""
@@ -165,7 +196,7 @@ class PathTracer:
 
     def __init__(
         self,
-        scene: Scene | str,
+        scene: SceneLike,
         *,
         size: tuple[int, int] = (1024, 768),
         settings: Mapping[str, Setting] | None = None,
@@ -190,12 +221,13 @@ class PathTracer:
         """A picture of the scene as it is now: of so many samples per pixel, or fewer once its estimated relative mean
         squared error falls to `noise`."""
         seen = _camera(self.scene, camera, self.size)
-        made = self._tracer.render(seen, samples, noise, seed, denoise, list(aovs), _progress(progress))
+        of, seeded = _samples(samples), _seed(seed)
+        made = self._tracer.render(seen, of, noise, seeded, denoise, list(aovs), _progress(progress))
         return _frame(made)
 
 
 def render(
-    scene: Scene | str,
+    scene: SceneLike,
     *,
     size: tuple[int, int] = (1024, 768),
     camera: Camera | str | int | None = None,
@@ -210,8 +242,8 @@ def render(
     """Linear radiance of a scene: the picture that `gpugi render SCENE -o FILE.exr` writes, to the bit.
 
     scene: a Scene, a file, or the name of a built-in scene. camera: a Camera, or one of the scene by name or index.
-    techniques: names, "path-tracer", or None for those that suit the scene. samples: per pixel; 4 by default, 256 for the
-    path tracer. denoise: filters the path tracer's picture.
+    techniques: names, "path-tracer", or None for those that suit the scene. samples: per pixel; by
+    default 4, 64 with a lens or an open shutter, 256 for the path tracer. denoise: filters the path tracer's picture.
     """
     loaded = _scene(scene)
     if _names(techniques) == ["path-tracer"]:
@@ -221,7 +253,7 @@ def render(
     if denoise:
         raise ArgumentError('denoise: filters pictures of techniques="path-tracer"')
     renderer = Renderer(loaded, size=size, techniques=techniques, settings=settings, adapter=adapter)
-    return renderer.render(camera, samples=4 if samples is None else samples, seed=seed, progress=progress).color
+    return renderer.render(camera, samples=samples, seed=seed, progress=progress).color
 
 
 @dataclass
@@ -230,7 +262,7 @@ class Comparison:
 
     values: dict[str, float]
     maps: dict[str, NDArray[np.float32]]
-    """(height, width); 0 is no error, 1 one as large as the reference, or the largest."""
+    """Shape (height, width). 0: no error; 1: an error as large as the reference, or the largest of the metric."""
 
     def __getitem__(self, metric: str) -> float:
         return self.values[metric]
@@ -265,7 +297,7 @@ class Measurement:
 
 
 def measure(
-    scene: Scene | str,
+    scene: SceneLike,
     *,
     size: tuple[int, int] = (320, 240),
     camera: Camera | str | int | None = None,
@@ -282,16 +314,18 @@ def measure(
     """Measures techniques against the path tracer on the same light paths; with all_light, on all of the scene."""
     loaded = _scene(scene)
     size = _size(size)
+    if not noise >= 0.0:
+        raise ArgumentError(f"noise: {noise!r} is no relative mean squared error")
     made = _gpugi.measure(
         loaded,
         _camera(loaded, camera, size),
         size,
         _names(techniques),
         words_of(settings),
-        samples,
-        reference_samples,
+        _samples(samples),
+        _samples(reference_samples, "reference_samples", least=16),
         noise,
-        seed,
+        _seed(seed),
         all_light,
         adapter,
         _progress(progress),

@@ -20,12 +20,19 @@ import numpy as np
 
 try:
     import ray
-    from ray.exceptions import ActorDiedError, ObjectLostError, RayActorError, RayTaskError, WorkerCrashedError
+    from ray.exceptions import (
+        ActorDiedError,
+        GetTimeoutError,
+        ObjectLostError,
+        OutOfMemoryError,
+        RayActorError,
+        WorkerCrashedError,
+    )
 except ImportError as error:
     raise ImportError("gpugi.distributed needs Ray: pip install gpugi[ray]") from error
 
 from gpugi import _gpugi
-from gpugi._bake import Baked, words_of_options
+from gpugi._bake import Baked, Option, words_of_options
 from gpugi._errors import ArgumentError, Error
 from gpugi._gpugi import Camera, Scene
 from gpugi._picture import Image, Setting, words_of
@@ -34,17 +41,23 @@ from gpugi._render import (
     PathTracer,
     Progress,
     Renderer,
+    SceneLike,
     Techniques,
     _camera,
     _names,
     _progress,
+    _samples,
     _scene,
+    _seed,
     _size,
+    _whole,
 )
 
-_LOST = (RayActorError, ActorDiedError, WorkerCrashedError, ObjectLostError)
-_MOST_LOSSES_IN_A_ROW = 5
-"""Workers that die one after another, without a result between them, die of what they are given."""
+_LOST = (RayActorError, ActorDiedError, WorkerCrashedError, ObjectLostError, OutOfMemoryError)
+_PATIENCE = 300
+"""Seconds in which a worker begins: Ray waits forever for what the cluster does not have."""
+_MOST_LOSSES = 5
+"""Per worker, without a result between them: such workers die of what they are given."""
 
 _Task = TypeVar("_Task")
 _Result = TypeVar("_Result")
@@ -61,19 +74,37 @@ class _Share:
 
 
 class _Worker:
-    """An actor: device, scene, and what is made of them."""
+    """An actor: device, scene, and what is made of them. Exceptions are values: Ray's would hide their class."""
 
-    def __init__(self, make: Callable[..., _Share], arguments: Sequence[Any]) -> None:
-        self.share = make(*arguments)
+    def __init__(self, make: Callable[..., _Share], references: Sequence[Any]) -> None:
+        self.share: _Share | None = None
+        self.make, self.references = make, references
 
-    def adapter(self) -> str:
-        return self.share.adapter()
+    def adapter(self) -> str | Exception:
+        try:
+            self.share = self.make(*ray.get(list(self.references)))
+            return self.share.adapter()
+        except Exception as error:
+            return error
 
     def process(self) -> int:
         return os.getpid()
 
     def run(self, task: Any) -> Any:
-        return self.share.run(task)
+        try:
+            if self.share is None:
+                # It takes the place of a worker that died.
+                self.share = self.make(*ray.get(list(self.references)))
+            return self.share.run(task)
+        except Exception as error:
+            return _Raised(error)
+
+
+class _Raised:
+    """What a task raised."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
 
 
 class _Pool(Generic[_Task, _Result]):
@@ -82,24 +113,22 @@ class _Pool(Generic[_Task, _Result]):
     def __init__(
         self, make: Callable[..., _Share], arguments: Sequence[Any], workers: int | None, gpus: float | None
     ) -> None:
+        if workers is not None:
+            workers = _whole("workers", workers, 1, 1_000_000)
         if not ray.is_initialized():
             ray.init(log_to_driver=False)
-        resources = ray.cluster_resources()
-        found = int(resources.get("GPU", 0))
-        if workers is not None and workers < 1:
-            raise ArgumentError(f"workers: {workers} can do nothing")
+        found = int(ray.cluster_resources().get("GPU", 0))
         # A processor renders on all its cores: one worker per node.
-        self._count = workers or found or len(ray.nodes())
+        self._count = workers or found or sum(node["Alive"] for node in ray.nodes())
         of_gpu = gpus if gpus is not None else (1.0 if found else 0.0)
-        self._actor = ray.remote(num_cpus=0, num_gpus=of_gpu, max_restarts=0)(_Worker)
+        self._actor = ray.remote(num_cpus=0, num_gpus=of_gpu, max_restarts=0, scheduling_strategy="SPREAD")(_Worker)
         # Scenes travel once per node.
         self._arguments = (make, [ray.put(argument) for argument in arguments])
         self.workers = [self._new() for _ in range(self._count)]
         self.losses = 0
 
     def _new(self) -> Any:
-        make, references = self._arguments
-        return self._actor.remote(_on_worker, [make, *references])
+        return self._actor.remote(*self._arguments)
 
     def check(self) -> None:
         """Waits until all workers have begun, and refuses GPUs of several kinds."""
@@ -107,15 +136,22 @@ class _Pool(Generic[_Task, _Result]):
         for place in range(self._count):
             while True:
                 try:
-                    adapters.append(ray.get(self.workers[place].adapter.remote()))
-                    break
+                    found = ray.get(self.workers[place].adapter.remote(), timeout=_PATIENCE)
                 except _LOST as error:
                     self.losses += 1
-                    if self.losses > _MOST_LOSSES_IN_A_ROW:
+                    if self.losses > _MOST_LOSSES * self._count:
                         raise Error(f"workers cannot begin: {error}") from None
                     self.workers[place] = self._new()
-                except RayTaskError as error:
-                    raise error.as_instanceof_cause() from None
+                    continue
+                except GetTimeoutError:
+                    have = ray.cluster_resources()
+                    raise Error(
+                        f"worker {place + 1} of {self._count} does not begin within {_PATIENCE} s; the cluster has {have}"
+                    ) from None
+                if isinstance(found, Exception):
+                    raise found
+                adapters.append(found)
+                break
         if len(set(adapters)) > 1:
             kinds = ", ".join(sorted(set(adapters)))
             raise Error(f"these GPUs do not compute the same bits: {kinds}; choose one kind with adapter=")
@@ -143,7 +179,7 @@ class _Pool(Generic[_Task, _Result]):
                 except _LOST as error:
                     self.losses += 1
                     in_a_row += 1
-                    if in_a_row > _MOST_LOSSES_IN_A_ROW:
+                    if in_a_row > _MOST_LOSSES * self._count:
                         raise Error(f"{in_a_row} workers died one after another: {error}") from None
                     self.workers.remove(worker)
                     self.workers.append(self._new())
@@ -151,12 +187,12 @@ class _Pool(Generic[_Task, _Result]):
                     if number not in done:
                         waiting.appendleft(number)
                     continue
-                except RayTaskError as error:
-                    raise error.as_instanceof_cause() from None
                 idle.append(worker)
                 in_a_row = 0
                 if number in done:
                     continue
+                if isinstance(result, _Raised):
+                    raise result.error
                 done.add(number)
                 if report is not None:
                     part = len(done) / len(tasks)
@@ -181,8 +217,10 @@ class _Pool(Generic[_Task, _Result]):
             ray.kill(worker)
 
 
-def _on_worker(make: Callable[..., _Share], *references: Any) -> _Share:
-    return make(*ray.get(list(references)))
+def _own(adapter: str) -> str:
+    """The adapter of this worker: Ray gives it GPUs by number, and Vulkan knows nothing of that."""
+    numbers = ray.get_gpu_ids()
+    return f"#{numbers[0]}" if adapter in ("best", "discrete") and numbers else adapter
 
 
 class _Bake(_Share):
@@ -194,6 +232,7 @@ class _Bake(_Share):
         maps: bytes,
     ) -> None:
         techniques, settings, options, adapter = order
+        adapter = _own(adapter)
         self.name = _gpugi.adapter_of(adapter)
         self.bake = _gpugi.SharedBake(scene, techniques, settings, options, adapter, None, atlas, None)
         self.bake.merge(maps)
@@ -206,7 +245,7 @@ class _Bake(_Share):
 
 
 def bake(
-    scene: Scene | str,
+    scene: SceneLike,
     output: str | os.PathLike[str],
     *,
     techniques: Techniques = None,
@@ -215,15 +254,19 @@ def bake(
     workers: int | None = None,
     gpus_per_worker: float | None = None,
     progress: Progress = False,
-    **options: bool | int | float | str,
+    **options: Option,
 ) -> Baked:
-    """Bakes the light of a scene as gpugi.bake does, to the same bits with the same options.
+    """Bakes the light of a scene into the file that gpugi.bake writes with the same options, to the bit.
 
-    This process solves the maps, on a GPU of the same kind; then workers light texels. memory: MiB for the texels of a task (64 by default): less
-    makes more tasks. workers: one per GPU of the cluster, or per node without GPUs.
+    This process lays out the atlas and solves the maps, on a GPU of the same kind; then workers light texels. A task is up
+    to 64 samples of one tile. memory=8 cuts pages into tiles of 8 MiB, where 512 make few: more tiles share better. The noise
+    of path-tracing differs with the tiles. workers: one per GPU of the cluster, or per node without GPUs.
     """
     loaded = _scene(scene)
-    words = words_of_options({"memory": 64, **options})
+    for option in ("resume", "dump_maps"):
+        if option in options:
+            raise ArgumentError(f"{option}: not of a bake that workers share")
+    words = words_of_options(options)
     order = (_names(techniques), words_of(settings), words, adapter)
     report = _progress(progress)
     merged = _gpugi.SharedBake(loaded, *order, output, None, report)
@@ -243,6 +286,7 @@ def bake(
 
 class _Render(_Share):
     def __init__(self, scene: Scene, options: dict[str, Any], picture: dict[str, Any]) -> None:
+        options = {**options, "adapter": _own(options["adapter"])}
         self.scene, self.options, self.picture = scene, options, picture
         self.name = _gpugi.adapter_of(options["adapter"])
 
@@ -263,7 +307,7 @@ class _Render(_Share):
 
 
 def render(
-    scene: Scene | str,
+    scene: SceneLike,
     *,
     cameras: Iterable[Camera | str | int] | None = None,
     times: Iterable[float] | None = None,
@@ -271,7 +315,7 @@ def render(
     size: tuple[int, int] = (1024, 768),
     techniques: Techniques = None,
     settings: Mapping[str, Setting] | None = None,
-    samples: int = 4,
+    samples: int | None = None,
     seed: int = 0,
     aovs: Iterable[str] = (),
     adapter: str = "best",
@@ -288,11 +332,10 @@ def render(
         raise ArgumentError("cameras: give these, or times")
     shots: list[tuple[Camera | str | int | None, float | None]]
     shots = [(one, None) for one in cameras] if cameras is not None else [(camera, float(t)) for t in times or ()]
-    if per_task < 1:
-        raise ArgumentError(f"per_task: {per_task} pictures are none")
+    per_task = _samples(per_task, "per_task")
     tasks = [shots[first : first + per_task] for first in range(0, len(shots), per_task)]
     options = {"size": _size(size), "techniques": _names(techniques), "settings": dict(settings or {}), "adapter": adapter}
-    picture = {"samples": samples, "seed": seed, "aovs": list(aovs)}
+    picture = {"samples": samples and _samples(samples), "seed": _seed(seed), "aovs": list(aovs)}
     return _in_order(_scene(scene), tasks, options, picture, workers, gpus_per_worker, progress)
 
 
@@ -323,6 +366,7 @@ def _in_order(
 
 class _Trace(_Share):
     def __init__(self, scene: Scene, camera: Camera, options: dict[str, Any]) -> None:
+        options = {**options, "adapter": _own(options["adapter"])}
         self.name = _gpugi.adapter_of(options["adapter"])
         self.camera = camera
         self.tracer = PathTracer(scene, **options)
@@ -330,14 +374,14 @@ class _Trace(_Share):
     def adapter(self) -> str:
         return self.name
 
-    def run(self, task: tuple[int, int]) -> tuple[Image, int, float | None]:
+    def run(self, task: tuple[int, int]) -> tuple[Image, int, float | None, list[str]]:
         seed, samples = task
         frame = self.tracer.render(self.camera, samples=samples, seed=seed)
-        return frame.color, frame.samples, frame.noise
+        return frame.color, frame.samples, frame.noise, frame.left_out
 
 
 def path_trace(
-    scene: Scene | str,
+    scene: SceneLike,
     *,
     camera: Camera | str | int | None = None,
     size: tuple[int, int] = (1024, 768),
@@ -352,8 +396,7 @@ def path_trace(
 ) -> Frame:
     """A picture of the path tracer whose samples many workers share: the mean of pictures of `per_task` samples each,
     with seeds of their own."""
-    if samples < 1 or per_task < 1:
-        raise ArgumentError(f"samples: {samples} in tasks of {per_task} are none")
+    samples, per_task, seed = _samples(samples), _samples(per_task, "per_task"), _seed(seed)
     loaded, pixels = _scene(scene), _size(size)
     firsts = range(0, samples, per_task)
     tasks = [
@@ -361,20 +404,25 @@ def path_trace(
     ]
     options = {"size": pixels, "settings": dict(settings or {}), "adapter": adapter}
     seen = _camera(loaded, camera, pixels)
-    pool: _Pool[tuple[int, int], tuple[Image, int, float | None]]
+    pool: _Pool[tuple[int, int], tuple[Image, int, float | None, list[str]]]
     pool = _Pool(_Trace, [loaded, seen, options], workers, gpus_per_worker)
+    total = np.zeros((pixels[1], pixels[0], 3), np.float64)
+    counts, noise, expected = 0, 0.0, 0
+    early: dict[int, tuple[Image, int, float | None, list[str]]] = {}
+    left_out: list[str] = []
     try:
         pool.check()
-        results = dict(pool.run(tasks, _progress(progress)))
+        for number, result in pool.run(tasks, _progress(progress)):
+            early[number] = result
+            # In the order of the tasks: sums depend on it.
+            while expected in early:
+                color, count, of_task, left_out = early.pop(expected)
+                total += color.astype(np.float64) * count
+                counts += count
+                noise += (np.nan if of_task is None else of_task) * count**2
+                expected += 1
     finally:
         pool.close()
-    total = np.zeros((pixels[1], pixels[0], 3), np.float64)
-    noise: float | None = 0.0
-    # In the order of the tasks: sums depend on it.
-    for number in range(len(tasks)):
-        color, count, of_task = results[number]
-        share = count / samples
-        total += color.astype(np.float64) * share
-        noise = None if noise is None or of_task is None else noise + of_task * share**2
-    color = total.astype(np.float32).view(Image)
-    return Frame(color=color, samples=samples, left_out=[], notes=[], noise=noise)
+    color = (total / counts).astype(np.float32).view(Image)
+    known = None if np.isnan(noise) else float(noise) / counts**2
+    return Frame(color=color, samples=counts, left_out=left_out, notes=[], noise=known)

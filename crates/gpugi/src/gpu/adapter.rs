@@ -12,6 +12,8 @@ pub enum AdapterChoice {
     Software,
     /// A discrete GPU only.
     Discrete,
+    /// That at this place of [`list_adapters`], counted from 0.
+    Numbered(usize),
     /// The first whose name contains this text; case is ignored.
     Named(String),
 }
@@ -24,7 +26,10 @@ impl std::str::FromStr for AdapterChoice {
             "best" => Self::Best,
             "software" => Self::Software,
             "discrete" => Self::Discrete,
-            name => Self::Named(name.to_owned()),
+            text => match text.strip_prefix('#').and_then(|text| text.parse().ok()) {
+                Some(number) => Self::Numbered(number),
+                None => Self::Named(text.to_owned()),
+            },
         })
     }
 }
@@ -130,20 +135,23 @@ impl AdapterChoice {
             .iter()
             .map(|adapter| adapter.get_info().name)
             .collect();
-        let fits = |info: &wgpu::AdapterInfo| match self {
+        let fits = |place: usize, info: &wgpu::AdapterInfo| match self {
             Self::Best => true,
             Self::Software => info.device_type == wgpu::DeviceType::Cpu,
             Self::Discrete => info.device_type == wgpu::DeviceType::DiscreteGpu,
+            Self::Numbered(number) => place == *number,
             Self::Named(name) => info.name.to_lowercase().contains(&name.to_lowercase()),
         };
-        adapters
-            .into_iter()
-            .find(|adapter| fits(&adapter.get_info()))
+        let mut places = adapters.into_iter().enumerate();
+        places
+            .find(|(place, adapter)| fits(*place, &adapter.get_info()))
+            .map(|(_, adapter)| adapter)
             .ok_or_else(|| GpuError::NoAdapter {
                 wanted: match self {
                     Self::Best => "is installed".to_owned(),
                     Self::Software => "renders in software".to_owned(),
                     Self::Discrete => "is a discrete GPU".to_owned(),
+                    Self::Numbered(number) => format!("has the number {number}"),
                     Self::Named(name) => format!("is named {name:?}"),
                 },
                 found: if names.is_empty() {
