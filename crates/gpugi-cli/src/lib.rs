@@ -217,8 +217,8 @@ fn list(what: What) {
             }
         }
         What::Adapters => {
-            for adapter in gpugi::gpu::list_adapters() {
-                println!("{}", doctor::adapter_line(&adapter));
+            for (number, adapter) in gpugi::gpu::list_adapters().iter().enumerate() {
+                println!("#{number} {}", doctor::adapter_line(adapter));
             }
         }
     }

@@ -22,6 +22,10 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
+def command_out(*arguments: str) -> str:
+    return command(*arguments).stdout
+
+
 def quad() -> tuple[np.ndarray, np.ndarray]:
     vertices = np.array([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], np.float64)
     return vertices, np.array([[0, 1, 2], [0, 2, 3]])
@@ -106,6 +110,14 @@ def test_a_seed_gives_the_same_picture_whatever_was_before() -> None:
     renderer = gpugi.Renderer("cornell", size=SIZE, settings=settings)
     first, other, again = (renderer.render(samples=1, seed=seed).color for seed in (1, 2, 1))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_adapters_are_chosen_by_number() -> None:
+    options = {"size": SIZE, "techniques": DIRECT, "samples": 1}
+    assert np.array_equal(gpugi.render("cornell", adapter="#0", **options), gpugi.render("cornell", **options))
+    assert "#0 " + gpugi.adapters()[0] in command_out("list", "adapters")
+    with pytest.raises(gpugi.GpuError, match="number 99"):
+        gpugi.render("cornell", adapter="#99", **options)
 
 
 def test_copies_and_pickles_are_scenes_of_their_own() -> None:
