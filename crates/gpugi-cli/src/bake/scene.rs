@@ -118,7 +118,7 @@ impl SceneOptions {
         Ok(line.options)
     }
 
-    /// Width and height of a page [texels].
+    /// Width and height of a page (texels).
     pub fn page_size(&self) -> u32 {
         self.atlas_size.unwrap_or(1024)
     }
