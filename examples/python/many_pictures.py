@@ -15,10 +15,11 @@ def main(arguments: list[str] | None = None) -> float:
     parser.add_argument("scene", nargs="?", default="cornell")
     parser.add_argument("techniques", nargs="?", default="shadow-map")
     parser.add_argument("samples", nargs="?", type=int, default=1)
+    parser.add_argument("side", nargs="?", type=int, default=256, help="width and height in pixels")
     parser.add_argument("--pictures", type=int, default=100)
     options = parser.parse_args(arguments)
     scene = gpugi.Scene.load(options.scene)
-    renderer = gpugi.Renderer(scene, size=(256, 256), techniques=options.techniques.split(","))
+    renderer = gpugi.Renderer(scene, size=(options.side, options.side), techniques=options.techniques.split(","))
     # Shaders are compiled in the first.
     renderer.render(samples=options.samples)
     began = time.perf_counter()

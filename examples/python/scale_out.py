@@ -1,7 +1,7 @@
 """How far a bake scales: measures its tasks on this machine, and simulates 1 to 10,000 workers with failures and stragglers.
 
 python scale_out.py room --atlas-size 1024 --samples 256
-python scale_out.py --simulate-only --task-seconds 20 --task-bytes 8e6
+python scale_out.py --with tasks=10000 task_seconds=20 failures_per_hour=1
 """
 
 import argparse
@@ -17,16 +17,16 @@ import numpy as np
 class Bake:
     """What a bake consists of."""
 
-    tasks: int
-    task_seconds: float
-    spread: float
+    tasks: int = 10_000
+    task_seconds: float = 20.0
+    spread: float = 0.2
     """Standard deviation over mean of the tasks' times."""
-    task_bytes: float
-    setup_seconds: float
+    task_bytes: float = 8e6
+    setup_seconds: float = 3.0
     """Until a worker has scene, atlas, maps and shaders."""
-    setup_bytes: float
-    maps_seconds: float
-    merge_seconds: float
+    setup_bytes: float = 2e8
+    maps_seconds: float = 30.0
+    merge_seconds: float = 0.01
     """Of one result, by the process that merges: one after another."""
 
 
@@ -61,7 +61,7 @@ def simulate(bake: Bake, machines: Machines, workers: int, seed: int = 0) -> flo
     running: dict[int, list[float]] = {}
     done: set[int] = set()
     events: list[tuple[float, int, int, bool]] = []
-    merged = begin
+    arrived = merged = begin
     while len(done) < bake.tasks:
         while free and (waiting or any(len(begun) == 1 for task, begun in running.items() if task not in done)):
             now, worker = heapq.heappop(free)
@@ -85,7 +85,8 @@ def simulate(bake: Bake, machines: Machines, workers: int, seed: int = 0) -> flo
         heapq.heappush(free, (now, worker))
         if task not in done:
             done.add(task)
-            merged = max(merged, now + bake.task_bytes / machines.network) + bake.merge_seconds
+            arrived = max(arrived, now) + bake.task_bytes / machines.network
+            merged = max(merged, arrived) + bake.merge_seconds
     return float(merged)
 
 
@@ -134,25 +135,22 @@ def measured(scene_name: str, atlas_size: int, samples: int, memory: int) -> Bak
 
 def main(arguments: list[str] | None = None) -> list[float]:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="?", default="room")
+    parser.add_argument("scene", nargs="?", help="a bake of it is measured here (default: what --with says is simulated)")
     parser.add_argument("--atlas-size", type=int, default=1024)
     parser.add_argument("--samples", type=int, default=256)
     parser.add_argument("--memory", type=int, default=8, help="MiB for the texels of a task")
-    parser.add_argument("--tasks", type=int, help="simulate so many, of a larger bake")
-    parser.add_argument("--simulate-only", action="store_true")
-    parser.add_argument("--task-seconds", type=float, default=20.0)
-    parser.add_argument("--task-bytes", type=float, default=8e6)
+    parser.add_argument("--with", nargs="+", default=[], metavar="NAME=VALUE", dest="changes", help="other values of Bake and Machines")
     options = parser.parse_args(arguments)
-    if options.simulate_only:
-        bake = Bake(10_000, options.task_seconds, 0.2, options.task_bytes, 3.0, 2e8, 30.0, 0.01)
-    else:
-        bake = measured(options.scene, options.atlas_size, options.samples, options.memory)
-    if options.tasks:
-        bake.tasks = options.tasks
-    print(bake)
+    bake = measured(options.scene, options.atlas_size, options.samples, options.memory) if options.scene else Bake()
+    machines = Machines()
+    for change in options.changes:
+        name, value = change.split("=")
+        subject = bake if hasattr(bake, name) else machines
+        setattr(subject, name, type(getattr(subject, name))(value))
+    print(bake, machines)
     print("| workers | time [s] | speed-up | efficiency |\n|---|---|---|---|")
     counts = [1, 2, 4, 10, 30, 100, 300, 1000, 3000, 10_000]
-    times = [simulate(bake, Machines(), count) for count in counts if count <= bake.tasks * 2 or count == 1]
+    times = [simulate(bake, machines, count) for count in counts if count <= bake.tasks * 2 or count == 1]
     for count, seconds in zip(counts, times, strict=False):
         speed_up = times[0] / seconds
         print(f"| {count} | {seconds:.0f} | {speed_up:.1f} | {100 * speed_up / count:.0f} % |")

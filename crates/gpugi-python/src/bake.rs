@@ -1,6 +1,7 @@
 //! Baked light, as files that other programs show.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use anyhow::Context;
 use gpugi_cli::bake::{Baked, SceneOptions, SharedBake, Subject, bake as bake_scene};
@@ -37,7 +38,7 @@ pub fn bake<'py>(
     let mut report = Report::new(progress);
     let baked = py.detach(|| {
         let subject = Subject {
-            scene: kept.scene,
+            scene: Arc::unwrap_or_clone(kept.scene),
             notes: Vec::new(),
             source: kept.source.as_ref(),
             program,
@@ -90,7 +91,7 @@ impl PySharedBake {
         let mut report = Report::new(progress);
         let made = py.detach(|| {
             let subject = Subject {
-                scene: kept.scene,
+                scene: Arc::unwrap_or_clone(kept.scene),
                 notes: Vec::new(),
                 source: kept.source.as_ref(),
                 program: PathBuf::new(),
@@ -120,9 +121,20 @@ impl PySharedBake {
         Ok(tasks.map(|task| PyBytes::new(py, &task)).collect())
     }
 
-    fn run<'py>(&self, py: Python<'py>, task: Vec<u8>) -> PyResult<Bound<'py, PyBytes>> {
-        let result = self.with(py, |bake| bake.run(&task))?;
-        Ok(PyBytes::new(py, &result))
+    #[pyo3(signature = (task, progress = None))]
+    fn run<'py>(
+        &self,
+        py: Python<'py>,
+        task: Vec<u8>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let mut report = Report::new(progress);
+        let result = self.with(py, |bake| {
+            let mut call = |part: f64, words: &str| report.step(part, words);
+            bake.run(&task, Progress::told_to(&mut call))
+        });
+        report.end()?;
+        Ok(PyBytes::new(py, &result?))
     }
 
     fn merge(&self, py: Python<'_>, result: &Bound<'_, PyBytes>) -> PyResult<()> {

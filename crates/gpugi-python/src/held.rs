@@ -98,10 +98,13 @@ impl<T: Thing> Held<T> {
                 let is_there = {
                     let mut kept = lock(scene);
                     let is_there = kept.removals == *removals;
-                    let place = T::all_mut(&mut kept.scene).get_mut(*index);
-                    let changed = place.filter(|_| is_there).map(|place| *place = value);
-                    kept.source = None;
-                    changed.is_some()
+                    kept.change(|scene| {
+                        let place = T::all_mut(scene).get_mut(*index);
+                        place
+                            .filter(|_| is_there)
+                            .map(|place| *place = value)
+                            .is_some()
+                    })
                 };
                 if !is_there {
                     return Err(gone());

@@ -77,7 +77,8 @@ impl PyPlaced {
         let Held::Of(scene, ..) = &self.0 else {
             return Err(wrong("material", "the object is in no scene"));
         };
-        let index = of_scene.unwrap_or_else(|| lock(scene).scene.add_material(material));
+        let index =
+            of_scene.unwrap_or_else(|| lock(scene).change(|scene| scene.add_material(material)));
         self.0.change(|object| {
             object.material = index;
             Ok(())

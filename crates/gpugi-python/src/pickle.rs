@@ -15,7 +15,7 @@ type State = (Scene, Option<SceneArguments>, f32, Vec<String>);
 
 /// A scene as bytes.
 pub fn bytes(kept: &Kept, notes: &[String]) -> PyResult<Vec<u8>> {
-    let state = (&kept.scene, &kept.source, kept.time, notes);
+    let state = (&*kept.scene, &kept.source, kept.time, notes);
     postcard::to_allocvec(&state).map_err(|error| raised(anyhow::Error::new(error)))
 }
 
@@ -25,15 +25,7 @@ pub fn scene_from_bytes(py: Python<'_>, bytes: &Bound<'_, PyBytes>) -> PyResult<
     let bytes = bytes.as_bytes();
     let read = py.detach(|| postcard::from_bytes::<State>(bytes));
     let (scene, source, time, notes) = read.map_err(|error| raised(anyhow::Error::new(error)))?;
-    Ok(PyScene::of_state(
-        Kept {
-            scene,
-            source,
-            time,
-            removals: 0,
-        },
-        notes,
-    ))
+    Ok(PyScene::of_state(Kept::new(scene, source, time), notes))
 }
 
 /// A camera as bytes.

@@ -1,6 +1,7 @@
 //! Pictures by techniques and by the path tracer, as arrays.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use gpugi::denoise::Features;
 use gpugi::gpu::Gpu;
@@ -96,10 +97,19 @@ pub struct PyRenderer {
 struct State {
     chosen: Chosen,
     /// The scene that the renderer shows.
-    shown: Scene,
+    shown: Arc<Scene>,
     has_features: bool,
     /// The seed of its maps, once there are some.
     seed: Option<u32>,
+    /// What is to be said of its pictures, once that is known: as long as the light of the scene is of the same kinds.
+    told: Option<Told>,
+}
+
+/// What is to be said of pictures.
+#[derive(Clone)]
+struct Told {
+    left_out: Vec<String>,
+    notes: Vec<String>,
 }
 
 #[pymethods]
@@ -124,6 +134,7 @@ impl PyRenderer {
             shown,
             has_features: false,
             seed: None,
+            told: None,
         };
         Ok(Self {
             gpu,
@@ -149,6 +160,7 @@ impl PyRenderer {
     fn set(&self, py: Python<'_>, technique: &str, name: &str, value: &str) -> PyResult<()> {
         py.detach(|| {
             let mut state = self.state.lock()?;
+            state.told = None;
             state.chosen.set(technique, name, value)
         })
         .map_err(raised)
@@ -188,7 +200,12 @@ impl PyRenderer {
             if !is_whole {
                 return Ok(None);
             }
-            let renderer = &state.chosen.renderer;
+            let State { chosen, told, .. } = &mut *state;
+            let renderer = &chosen.renderer;
+            let told = told.get_or_insert_with(|| Told {
+                left_out: renderer.left_out(),
+                notes: chosen.notes(),
+            });
             let seen = match aovs.is_empty() {
                 true => Vec::new(),
                 false => renderer.features()?,
@@ -199,13 +216,16 @@ impl PyRenderer {
             };
             let objects = objects.into_iter();
             let objects = objects.map(|point| point.map_or(-1, |point| point.instance as i32));
-            let mut notes = state.chosen.notes();
+            let Told {
+                left_out,
+                mut notes,
+            } = told.clone();
             notes.extend(renderer.warnings());
             anyhow::Ok(Some((
                 renderer.radiance()?,
                 seen,
                 objects.collect::<Vec<i32>>(),
-                renderer.left_out(),
+                left_out,
                 notes,
             )))
         });
@@ -227,6 +247,14 @@ impl PyRenderer {
 }
 
 impl PyRenderer {
+    /// Samples between two looks at Ctrl-C, for which the GPU must be waited for: that costs a fast one time.
+    fn at_once(&self) -> u32 {
+        match self.gpu.adapter.is_software() {
+            true => 1,
+            false => 8,
+        }
+    }
+
     /// Makes the picture. Returns whether it is whole.
     fn add(
         &self,
@@ -237,9 +265,13 @@ impl PyRenderer {
         report: &mut Report,
     ) -> anyhow::Result<bool> {
         let motion = Motion::seen_by(camera, &kept.scene, kept.time);
+        let is_shown = |state: &State| Arc::ptr_eq(&state.shown, &kept.scene);
+        if !is_shown(state) {
+            state.told = None;
+        }
         // Maps hold random numbers, too, and go on from those before; another scene may take other techniques.
         if state.seed.is_some_and(|before| before != seed)
-            || (state.shown != kept.scene && !state.chosen.suits(&kept.scene))
+            || (!is_shown(state) && !state.chosen.suits(&kept.scene))
         {
             state.chosen = state.chosen.anew(&kept.scene)?;
             state.shown = kept.scene.clone();
@@ -249,8 +281,9 @@ impl PyRenderer {
         }
         state.seed = Some(seed);
         loop {
+            let is_shown = is_shown(state);
             let renderer = &mut state.chosen.renderer;
-            if state.shown != kept.scene {
+            if !is_shown {
                 renderer.update(&kept.scene)?;
                 state.shown = kept.scene.clone();
             }
@@ -265,6 +298,7 @@ impl PyRenderer {
                 Ok(_) => break,
                 Err(error) => {
                     state.chosen.without_atlas(error)?;
+                    state.told = None;
                     state.chosen.renderer.update(&kept.scene)?;
                     if state.has_features {
                         state.chosen.renderer.keep_features()?;
@@ -275,7 +309,11 @@ impl PyRenderer {
         let renderer = &mut state.chosen.renderer;
         for sample in 1..=samples {
             renderer.render_sample(camera, samples, None, false)?;
-            if sample % 8 == 0 || sample == samples {
+            if sample % self.at_once() != 0 && sample != samples {
+                continue;
+            }
+            // Who reads the picture waits for the last ones.
+            if sample != samples {
                 self.gpu.wait()?;
             }
             let words = format!("{sample} of {samples} samples");
@@ -300,7 +338,7 @@ pub struct PyPathTracer {
 
 struct Traced {
     tracer: PathTracer,
-    shown: Scene,
+    shown: Arc<Scene>,
     has_features: bool,
     /// Its noise setting is in its own settings.
     noise: f64,
@@ -309,7 +347,7 @@ struct Traced {
 /// A path tracer of the scene as it is.
 fn tracer_of(
     gpu: &Gpu,
-    scene: &Scene,
+    scene: &Arc<Scene>,
     size: [u32; 2],
     settings: &[String],
     noise: f64,
@@ -440,7 +478,7 @@ impl PyPathTracer {
     /// Follows the scene to what it is now; another noise is another path tracer.
     fn follow(&self, state: &mut Traced, kept: &Kept, noise: f64) -> Result<(), anyhow::Error> {
         let follows = noise == state.noise
-            && (state.shown == kept.scene || state.tracer.update(&kept.scene)?);
+            && (Arc::ptr_eq(&state.shown, &kept.scene) || state.tracer.update(&kept.scene)?);
         if !follows {
             *state = tracer_of(&self.gpu, &kept.scene, self.size, &self.settings, noise)?;
         }

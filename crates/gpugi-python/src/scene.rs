@@ -22,13 +22,31 @@ use crate::values::{matrix, number, numbers, rows, triangles};
 /// A scene and where it comes from.
 #[derive(Debug, Clone)]
 pub struct Kept {
-    pub scene: Scene,
+    /// Shared with what shows it, which sees by that whether it has changed since.
+    pub scene: Arc<Scene>,
     /// What it was loaded with, while nothing has been edited since.
     pub source: Option<SceneArguments>,
     /// Animation time (s).
     pub time: f32,
     /// How often something was removed: what refers to an index before is then void.
     pub removals: u64,
+}
+
+impl Kept {
+    pub fn new(scene: Scene, source: Option<SceneArguments>, time: f32) -> Self {
+        Self {
+            scene: Arc::new(scene),
+            source,
+            time,
+            removals: 0,
+        }
+    }
+
+    /// Changes the scene.
+    pub fn change<R>(&mut self, change: impl FnOnce(&mut Scene) -> R) -> R {
+        self.source = None;
+        change(Arc::make_mut(&mut self.scene))
+    }
 }
 
 /// A scene that Python holds, with all that refers to it.
@@ -70,15 +88,7 @@ impl PyScene {
                 ..source
             })
         });
-        Self::of_state(
-            Kept {
-                scene,
-                source,
-                time,
-                removals: 0,
-            },
-            notes,
-        )
+        Self::of_state(Kept::new(scene, source, time), notes)
     }
 
     pub fn of_state(kept: Kept, notes: Vec<String>) -> Self {
@@ -97,9 +107,7 @@ impl PyScene {
 
     /// Changes the scene.
     fn change<R>(&self, change: impl FnOnce(&mut Scene) -> R) -> R {
-        let mut kept = lock(&self.shared);
-        kept.source = None;
-        change(&mut kept.scene)
+        lock(&self.shared).change(change)
     }
 }
 
@@ -294,9 +302,8 @@ impl PyScene {
     fn remove(&self, names: &str) -> PyResult<()> {
         let removed = {
             let mut kept = lock(&self.shared);
-            let removed = kept.scene.remove(names);
+            let removed = kept.change(|scene| scene.remove(names));
             kept.removals += 1;
-            kept.source = None;
             removed
         };
         removed.map_err(|error| wrong("names", error))

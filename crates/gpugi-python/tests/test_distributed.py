@@ -91,6 +91,33 @@ def test_killed_workers_lose_nothing(tmp_path: Path) -> None:
     assert pool.losses >= 20
 
 
+class Marking(distributed._Share):
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def adapter(self) -> str:
+        return "none"
+
+    def run(self, task: int) -> int:
+        Path(self.folder, f"{task}").touch()
+        return task
+
+
+def test_workers_go_on_while_the_caller_is_busy(tmp_path: Path) -> None:
+    pool: distributed._Pool[int, int] = distributed._Pool(Marking, [str(tmp_path)], 1, None)
+    try:
+        results = pool.run(range(3), None)
+        assert next(results) == (0, 0)
+        began = time.monotonic()
+        while not (tmp_path / "1").exists():
+            assert time.monotonic() - began < 60, "the worker waits for the caller"
+            time.sleep(0.01)
+        assert not (tmp_path / "2").exists()
+        assert list(results) == [(1, 1), (2, 2)]
+    finally:
+        pool.close()
+
+
 def test_workers_that_are_killed_while_they_bake_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gpugi.bake("cornell", tmp_path / "plain.glb", **BAKE)
     pools: list[distributed._Pool[bytes, bytes]] = []

@@ -49,16 +49,38 @@ def test_convergence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert capsys.readouterr().out.startswith("path tracer 0.")
 
 
+def test_many_pictures() -> None:
+    assert run("many_pictures", "cornell", "path-tracing", 1, 16, "--pictures", 3) > 0
+
+
+def test_notebook(capsys: pytest.CaptureFixture[str]) -> None:
+    cells = json.loads((FOLDER / "compare_techniques.ipynb").read_text())["cells"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            # Maps of the others take seconds in software.
+            small = "WAYS = {'direct light': ['shadow-map'], 'paths': ['path-tracing']}" if source.startswith("WAYS") else source
+            small = small.replace("(256, 256)", "(24, 24)").replace("1024", "16").replace("samples=64", "samples=2")
+            exec(compile(small, "compare_techniques.ipynb", "exec"), names)
+        assert not cell.get("outputs")
+    printed = capsys.readouterr().out
+    assert "direct light: indirect light" in printed and "paths: nothing" in printed
+    parts = [float(line.split()[1]) for line in printed.splitlines() if line.endswith("of the light")]
+    assert len(parts) == 4 and parts[0] < parts[1] < parts[3]
+    assert len(names["images"]) == 3  # type: ignore[arg-type]
+
+
 def test_light_placement() -> None:
     first, least = run("light_placement", "--steps", 25, "--size", 24, 24)
     assert least < 0.5 * first
 
 
 def test_scale_out() -> None:
-    times = run("scale_out", "--simulate-only", "--tasks", 200, "--task-seconds", 10)
+    times = run("scale_out", "--with", "tasks=200", "task_seconds=10")
     # More workers take less time, but never less than the parts that nobody shares.
     assert 15 < times[0] / times[4] <= 30 and times[-1] > 38
-    assert times == run("scale_out", "--simulate-only", "--tasks", 200, "--task-seconds", 10), "not the same twice"
+    assert times == run("scale_out", "--with", "tasks=200", "task_seconds=10"), "not the same twice"
 
 
 def test_ray_bake(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 //! A hundred pictures of one scene by one renderer, and their time, beside that of `examples/python/many_pictures.py`:
-//! what Python costs. `cargo run --release -p gpugi --example many_pictures -- SCENE TECHNIQUE[,...] SAMPLES`
+//! what Python costs. `cargo run --release -p gpugi --example many_pictures -- SCENE TECHNIQUE[,...] SAMPLES SIDE`
 
 use std::error::Error;
 use std::ops::ControlFlow;
@@ -10,19 +10,19 @@ use gpugi::{Renderer, Techniques};
 use gpugi_scene::builtin::builtin;
 
 const PICTURES: u32 = 100;
-const SIZE: [u32; 2] = [256, 256];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut words = std::env::args().skip(1);
     let name = words.next().unwrap_or_else(|| "cornell".to_owned());
     let techniques = words.next().unwrap_or_else(|| "shadow-map".to_owned());
     let samples = words.next().map_or(Ok(1), |word| word.parse())?;
+    let side = words.next().map_or(Ok(256), |word| word.parse())?;
 
     let gpu = Gpu::open(&AdapterChoice::Best)?;
     let scene = builtin(&name, 1).ok_or("a built-in scene")?;
     let camera = &scene.cameras[0];
     let techniques = techniques.split(',').map(str::to_owned).collect();
-    let mut renderer = Renderer::new(&gpu, &scene, SIZE, Techniques::Named(techniques))?;
+    let mut renderer = Renderer::new(&gpu, &scene, [side; 2], Techniques::Named(techniques))?;
     let mut render = || -> Result<Vec<f32>, Box<dyn Error>> {
         renderer.forget();
         renderer.set_seed(0);

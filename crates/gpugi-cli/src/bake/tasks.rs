@@ -120,12 +120,19 @@ impl SharedBake {
         tasks.collect()
     }
 
-    /// Runs a task; returns its result.
+    /// Runs a task; returns its result. Maps may be broken off between the steps that solve them, and go on later.
     ///
     /// # Errors
-    /// If the task is of another bake, or the GPU fails.
-    pub fn run(&mut self, task: &[u8]) -> anyhow::Result<Vec<u8>> {
+    /// If the task is of another bake, the GPU fails, or `progress` breaks off.
+    pub fn run(&mut self, task: &[u8], mut progress: Progress<'_>) -> anyhow::Result<Vec<u8>> {
         let task: Task = postcard::from_bytes(task).context("the task is none")?;
+        while self.bake.is_refining() {
+            let Some(step) = self.bake.step()? else {
+                break;
+            };
+            progress.show(step.done.into(), "maps");
+            anyhow::ensure!(!progress.is_asked_to_stop(), "the maps were not finished");
+        }
         Ok(postcard::to_allocvec(&self.bake.run(&task)?)?)
     }
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
-import webbrowser
 from collections.abc import Mapping
 from typing import Any
 
@@ -82,6 +80,9 @@ def show(image: ArrayLike, *, settings: Mapping[str, Setting] | None = None) -> 
         if get_ipython() is not None:
             display(Shown(data=png))
             return
+    import tempfile
+    import webbrowser
+
     with tempfile.NamedTemporaryFile(suffix=".png", delete=False) as file:
         file.write(png)
     webbrowser.open(f"file://{file.name}")

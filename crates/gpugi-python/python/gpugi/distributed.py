@@ -56,6 +56,8 @@ from gpugi._render import (
 _LOST = (RayActorError, ActorDiedError, WorkerCrashedError, ObjectLostError, OutOfMemoryError)
 _PATIENCE = 300
 """Seconds in which a worker begins: Ray waits forever for what the cluster does not have."""
+_AHEAD = 2
+"""Tasks that a worker is given: it goes on with the second while nobody asks for the result of the first."""
 _MOST_LOSSES = 5
 """Per worker, without a result between them: such workers die of what they are given."""
 
@@ -159,17 +161,17 @@ class _Pool(Generic[_Task, _Result]):
     def run(self, tasks: Sequence[_Task], report: Callable[[float, str], object] | None) -> Iterator[tuple[int, _Result]]:
         """Runs tasks; yields their numbers and results as they come, each once."""
         waiting = deque(range(len(tasks)))
-        idle = list(self.workers)
+        idle = list(self.workers) * _AHEAD
         running: dict[Any, tuple[Any, int, float]] = {}
         done: set[int] = set()
         in_a_row = 0
         began = time.monotonic()
         while len(done) < len(tasks):
-            while idle:
-                number = self._next(waiting, running, done)
+            for worker in idle.copy():
+                number = self._next(worker, waiting, running, done)
                 if number is None:
-                    break
-                worker = idle.pop()
+                    continue
+                idle.remove(worker)
                 running[worker.run.remote(tasks[number])] = (worker, number, time.monotonic())
             ready, _ = ray.wait(list(running), num_returns=1, timeout=1.0)
             for reference in ready:
@@ -177,15 +179,17 @@ class _Pool(Generic[_Task, _Result]):
                 try:
                     result = ray.get(reference)
                 except _LOST as error:
+                    if number not in done:
+                        waiting.appendleft(number)
+                    if worker not in self.workers:
+                        continue
                     self.losses += 1
                     in_a_row += 1
                     if in_a_row > _MOST_LOSSES * self._count:
                         raise Error(f"{in_a_row} workers died one after another: {error}") from None
                     self.workers.remove(worker)
                     self.workers.append(self._new())
-                    idle.append(self.workers[-1])
-                    if number not in done:
-                        waiting.appendleft(number)
+                    idle = [other for other in idle if other is not worker] + self.workers[-1:] * _AHEAD
                     continue
                 idle.append(worker)
                 in_a_row = 0
@@ -201,12 +205,15 @@ class _Pool(Generic[_Task, _Result]):
                 yield number, result
 
     @staticmethod
-    def _next(waiting: deque[int], running: dict[Any, tuple[Any, int, float]], done: set[int]) -> int | None:
-        """The next task: one that waits, or else the one that has run longest, by one worker alone."""
+    def _next(worker: Any, waiting: deque[int], running: dict[Any, tuple[Any, int, float]], done: set[int]) -> int | None:
+        """The next task of a worker: one that waits, or else, if it has none, the one that has run longest, by another worker
+        alone."""
         while waiting:
             number = waiting.popleft()
             if number not in done:
                 return number
+        if any(worker is other for other, _, _ in running.values()):
+            return None
         numbers = [number for _, number, _ in running.values()]
         alone = [(since, number) for _, number, since in running.values() if numbers.count(number) == 1]
         alone = [(since, number) for since, number in alone if number not in done]
@@ -271,7 +278,7 @@ def bake(
     report = _progress(progress)
     merged = _gpugi.SharedBake(loaded, *order, output, None, report)
     first, *others = merged.tasks()
-    maps = merged.run(first)
+    maps = merged.run(first, report)
     merged.merge(maps)
     if others:
         pool: _Pool[bytes, bytes] = _Pool(_Bake, [loaded, order, merged.atlas(), maps], workers, gpus_per_worker)

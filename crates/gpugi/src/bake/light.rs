@@ -507,6 +507,11 @@ impl Bake for LightBake {
 }
 
 impl LightBake {
+    /// Whether maps are not final yet: the next step refines them.
+    pub fn is_refining(&self) -> bool {
+        self.solver.is_refining
+    }
+
     pub(super) fn key(&self) -> BakeKey {
         let how = (
             "light",

@@ -67,6 +67,11 @@ impl AdapterSummary {
         }
     }
 
+    /// Whether the processor does its work.
+    pub fn is_software(&self) -> bool {
+        self.device_type == wgpu::DeviceType::Cpu
+    }
+
     /// Whether passes can be timed.
     pub fn has_timestamps(&self) -> bool {
         self.features.contains(wgpu::Features::TIMESTAMP_QUERY)

@@ -220,7 +220,7 @@ fn flux_does_not_depend_on_how_many_share_a_photon() {
         technique.maps.get().unwrap().caustics[0].flux(&gpu)
     });
     check("several invocations", several, one, 1e-3);
-    let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
+    let is_software = gpu.adapter.is_software();
     let own = generated(&gpu, &scene, &settings, 1).kernels.splat_lanes;
     assert_eq!(own, if is_software { [1, 1] } else { [4, 64] });
 }

@@ -174,7 +174,7 @@ fn assert_tracers_agree(gpu: &Gpu, scene: &Scene) {
         let found = hits(gpu, scene, tracer);
         // Hardware compiles the same arithmetic otherwise in other kernels: distances differ in their last bits, and so
         // does what is nearer of two.
-        let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
+        let is_software = gpu.adapter.is_software();
         let rounding = if is_software { 0.0 } else { 1e-4 };
         let is_as_far = |a: &[u32; 4], b: &[u32; 4]| {
             let [a, b] = [a[0], b[0]].map(f32::from_bits);

@@ -92,7 +92,7 @@ fn holds_for(scene: &Scene, scene_name: &str) {
     let is_all = std::env::var_os("METAMORPHIC_ALL").is_some();
     let is_table = std::env::var_os("METAMORPHIC_TABLE").is_some();
     // Noise, and so what just fails, is the same on the same adapter only.
-    let is_software = gpu.adapter.device_type == wgpu::DeviceType::Cpu;
+    let is_software = gpu.adapter.is_software();
     let mut faults = Vec::new();
     let started = Instant::now();
     for (way, make) in WAYS {
