@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use gpugi::gpu::Gpu;
 use gpugi::measure::{
-    Cache, Live, MeasureError, Measured, Memory, Options, PassTime, Quality, Subject, TracedPart,
-    measure, measure_live, trace_orbit,
+    Cache, Live, MeasureError, Measured, Memory, Moves, Options, PassTime, Quality, Subject,
+    TracedPart, measure, measure_live, trace_live,
 };
 use gpugi::picture::{self, Effects};
 use gpugi::{Motion, Purpose, Renderer};
@@ -34,9 +34,13 @@ pub struct Arguments {
     /// Compare with all light of the scene, not only the techniques' light paths: light that they lack counts as error
     #[arg(long)]
     all_light: bool,
-    /// Measure live frames instead, in orbit and at rest after it, against all light
+    /// Measure live frames instead, in motion and at rest after it, against all light
     #[arg(long, conflicts_with_all = ["all_light", "diff"])]
     live: bool,
+    /// What moves in live frames: camera (an orbit), animation (the scene's), swing=NAMES (lights or objects, sideways), or
+    /// off=NAMES (nothing, but lights or emitters go off a quarter of a second before the last frame)
+    #[arg(long, value_name = "WHAT", default_value_t = Moves::Camera, requires = "live")]
+    moves: Moves,
     /// Measure instead what each of several sets shows when so many milliseconds have passed, against all light: still
     /// pictures, and frames in motion (docs/equal-time.md)
     #[arg(
@@ -186,6 +190,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         camera: &camera,
         size,
     };
+    (arguments.moves.check(&scene))
+        .map_err(|reason| Usage(format!("--moves {}: {reason}", arguments.moves)))?;
     interrupt::catch();
     let mut shown = (String::new(), Progress::new(common.quiet));
     let mut report = |progress: &gpugi::measure::Progress| {
@@ -238,7 +244,8 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.live {
         let renderer = &mut chosen.renderer;
         let classes = renderer.light_classes();
-        let truth = trace_orbit(&gpu, &subject, &classes, &options, &mut report)?;
+        let moves = (&arguments.moves, arguments.scene.time);
+        let truth = trace_live(&gpu, &subject, moves, &classes, &options, &mut report)?;
         let seen = (&scene, &camera);
         let live = measure_live(seen, renderer, &effects, &truth, &options, &mut report)?;
         shown.1.finish();

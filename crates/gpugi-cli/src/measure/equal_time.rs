@@ -7,8 +7,8 @@ use std::path::Path;
 use gpugi::gpu::Gpu;
 use gpugi::light_paths::{LightClass, all_light};
 use gpugi::measure::{
-    LiveInTime, MeasureError, Options, StillInTime, Subject, live_in_time, path_traced_in_time,
-    stills_in_time, trace, trace_orbit,
+    LiveInTime, MeasureError, Moves, Options, StillInTime, Subject, live_in_time,
+    path_traced_in_time, stills_in_time, trace, trace_live,
 };
 use gpugi::picture::Effects;
 use gpugi::{Purpose, Renderer, Techniques};
@@ -195,7 +195,14 @@ impl<'a> Comparison<'a> {
         compared: &mut Compared,
         report: gpugi::measure::Report<'_>,
     ) -> anyhow::Result<()> {
-        let truth = trace_orbit(self.gpu, &self.subject, classes, self.options, report)?;
+        let truth = trace_live(
+            self.gpu,
+            &self.subject,
+            (&Moves::Camera, 0.0),
+            classes,
+            self.options,
+            report,
+        )?;
         compared.follow(&truth.notes, truth.rel_mse);
         let seen = (self.subject.scene, self.subject.camera);
         for set in self.sets.iter().filter(|set| !set.is_path_tracer) {

@@ -8,7 +8,7 @@ use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Scene};
 
 use super::{
-    Live, MeasureError, Options, OrbitTruth, Progress, Report, Subject, Truth, error, measure_live,
+    Live, LiveTruth, MeasureError, Options, Progress, Report, Subject, Truth, error, measure_live,
 };
 use crate::gpu::Gpu;
 use crate::lighting::Readiness;
@@ -307,7 +307,7 @@ pub fn live_in_time(
     (scene, camera): (&Scene, &Camera),
     renderer: &mut Renderer,
     effects: &Effects,
-    (truth, budgets): (&OrbitTruth, &[f64]),
+    (truth, budgets): (&LiveTruth, &[f64]),
     options: &Options,
     report: Report<'_>,
 ) -> Result<Vec<Option<LiveInTime>>, MeasureError> {

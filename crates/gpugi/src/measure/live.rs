@@ -1,9 +1,9 @@
 //! Live frames in motion, and at rest after it, against all light.
 
-use glam::{Mat4, Quat};
 use gpugi_scene::image::metrics::Metric;
 use gpugi_scene::{Camera, Scene};
 
+use super::moves::{COMPARED, FRAMES, Moves};
 use super::{
     MeasureError, Options, PassTime, Progress, Report, Subject, collect, error, medians, trace,
 };
@@ -13,11 +13,6 @@ use crate::lighting::Readiness;
 use crate::picture::Effects;
 use crate::renderer::Renderer;
 
-/// Frames of the orbit, and those of them that are compared.
-const FRAMES: u32 = 36;
-const COMPARED: [u32; 3] = [27, 31, 35];
-/// Degrees per frame.
-const SPEED: f32 = 0.3;
 /// Frames at rest, of a picture that would have as many samples as views have.
 const REST_FRAMES: u32 = 16;
 const REST_SAMPLES: u32 = 64;
@@ -29,26 +24,30 @@ pub struct Live {
     pub milliseconds: Option<f64>,
     /// GPU time of each pass.
     pub passes: Vec<PassTime>,
-    /// HDR-FLIP of frames in orbit, 0.3 degrees per frame: mean of three.
+    /// HDR-FLIP of frames in motion: mean of three.
     pub moving: f64,
     /// HDR-FLIP after 16 frames at rest.
     pub still: f64,
     /// Mean difference between two frames in a row of a camera that stands still while frames count as being in motion, as a
     /// part of white on the display.
     pub flicker: f64,
-    /// Radiance of the last frame of the orbit, as a part of its reference's: median over blocks of 16 x 16 pixels, so that
+    /// Radiance of the last frame in motion, as a part of its reference's: median over blocks of 16 x 16 pixels, so that
     /// lamps and their edges do not decide.
     pub brightness: f64,
     /// Estimated rel-mse of the references: the largest.
     pub reference_rel_mse: f64,
-    /// The last frame of the orbit, and its reference: linear radiance, three floats per pixel.
+    /// The last frame in motion, and its reference: linear radiance, three floats per pixel.
     #[serde(skip)]
     pub last: [Vec<f32>; 2],
 }
 
-/// The path tracer's pictures of the frames of an orbit that are compared, with all light.
+/// The path tracer's pictures of the frames in motion that are compared, with all light.
 #[derive(Debug, Clone)]
-pub struct OrbitTruth {
+pub struct LiveTruth {
+    /// What moves.
+    pub moves: Moves,
+    /// The scene's time in the first frame (s).
+    pub time: f32,
     /// Width and height (pixels).
     pub size: [u32; 2],
     /// Linear radiance, three floats per pixel, in rows from top to bottom.
@@ -60,33 +59,37 @@ pub struct OrbitTruth {
 }
 
 /// Traces the references of [`measure_live`] for the view of a subject, by the quality of `options`. `classes`: those that the
-/// scene has.
+/// scene has. `moves`: what moves, and the scene's time in the first frame (s).
 ///
 /// # Errors
 /// [`MeasureError`].
-pub fn trace_orbit(
+pub fn trace_live(
     gpu: &Gpu,
     subject: &Subject<'_>,
+    (moves, time): (&Moves, f32),
     classes: &[LightClass],
     options: &Options,
     report: Report<'_>,
-) -> Result<OrbitTruth, MeasureError> {
+) -> Result<LiveTruth, MeasureError> {
     let Subject {
         scene,
         camera,
         size,
     } = *subject;
     let parts = [all_light(classes)];
-    let mut truth = OrbitTruth {
+    let mut truth = LiveTruth {
+        moves: moves.clone(),
+        time,
         size,
         radiance: [const { Vec::new() }; COMPARED.len()],
         rel_mse: 0.0,
         notes: Vec::new(),
     };
     for (radiance, frame) in truth.radiance.iter_mut().zip(COMPARED) {
+        let (scene, camera) = moves.at((scene, camera), time, frame);
         let subject = Subject {
-            scene,
-            camera: &orbit(scene, camera, frame),
+            scene: &scene,
+            camera: &camera,
             size,
         };
         let traced = trace(gpu, &subject, &parts, options, report)?;
@@ -97,8 +100,9 @@ pub fn trace_orbit(
     Ok(truth)
 }
 
-/// Measures live frames of `renderer` with `effects`, such as those of a live view. It renders `scene`, as seen by `camera` in
-/// orbit about the middle of its bounds. Frames of another size than `truth`'s are enlarged, as a viewer enlarges them.
+/// Measures live frames of `renderer` with `effects`, such as those of a live view. It renders `scene`, as seen by `camera`,
+/// while what `truth` says moves. Frames of another size than `truth`'s are enlarged, as a viewer enlarges them. In the end, the
+/// renderer shows `scene` again.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -106,7 +110,7 @@ pub fn measure_live(
     (scene, camera): (&Scene, &Camera),
     renderer: &mut Renderer,
     effects: &Effects,
-    truth: &OrbitTruth,
+    truth: &LiveTruth,
     options: &Options,
     report: Report<'_>,
 ) -> Result<Live, MeasureError> {
@@ -129,8 +133,11 @@ pub fn measure_live(
     let mut errors = Vec::new();
     let mut last = Vec::new();
     renderer.set_seed(options.seed);
+    let at = |frame| truth.moves.at((scene, camera), truth.time, frame);
+    let (first, seen) = at(0);
+    renderer.update(&first)?;
     // Maps that are made once are no part of a frame.
-    let readiness = renderer.converge(&orbit(scene, camera, 0), false, |readiness, _| {
+    let readiness = renderer.converge(&seen, false, |readiness, _| {
         report(&Progress::of_maps(readiness))
     })?;
     if readiness != Readiness::Ready {
@@ -138,7 +145,10 @@ pub fn measure_live(
     }
     renderer.forget();
     for frame in 0..FRAMES {
-        let seen = orbit(scene, camera, frame);
+        let (shown, seen) = at(frame);
+        if truth.moves != Moves::Camera {
+            renderer.update(&shown)?;
+        }
         renderer.restart();
         let timings = renderer.render_sample(&seen, 1, Some(effects), true)?;
         let passes = timings.wait()?;
@@ -160,7 +170,7 @@ pub fn measure_live(
             return Err(MeasureError::Interrupted);
         }
     }
-    let seen = orbit(scene, camera, FRAMES - 1);
+    let (_, seen) = at(FRAMES - 1);
     let mut pixels = [Vec::new(), Vec::new()];
     for frame in 0..4 {
         renderer.restart();
@@ -171,9 +181,12 @@ pub fn measure_live(
     for _ in 0..REST_FRAMES {
         renderer.render_sample(&seen, REST_SAMPLES, Some(effects), false)?;
     }
-    // The orbit ended where the camera stands.
+    // All stands still where it was in the last frame.
     let truth_of_last = &truth.radiance[COMPARED.len() - 1];
     let still = flip(&shown_by(renderer)?, truth_of_last)?;
+    if truth.moves != Moves::Camera {
+        renderer.update(scene)?;
+    }
     whole.sort_by(f64::total_cmp);
     let passes = medians(times);
     Ok(Live {
@@ -212,16 +225,6 @@ fn enlarged(of: [u32; 2], picture: &[f32], size: [u32; 2]) -> Vec<f32> {
         }
     }
     all
-}
-
-/// The camera after so many frames of an orbit.
-fn orbit(scene: &Scene, camera: &Camera, frame: u32) -> Camera {
-    let center = Mat4::from_translation(scene.bounds().center());
-    let angle = SPEED * (frame as f32 + 1.0 - FRAMES as f32);
-    let turn = Mat4::from_quat(Quat::from_rotation_y(angle.to_radians()));
-    let mut moved = camera.clone();
-    moved.world_from_view = center * turn * center.inverse() * camera.world_from_view;
-    moved
 }
 
 /// Mean difference of two pictures' channels, as a part of white.

@@ -4,11 +4,13 @@
 mod cache;
 mod equal_time;
 mod live;
+mod moves;
 mod truth;
 
 pub use cache::Cache;
 pub use equal_time::{LiveInTime, StillInTime, live_in_time, path_traced_in_time, stills_in_time};
-pub use live::{Live, OrbitTruth, measure_live, trace_orbit};
+pub use live::{Live, LiveTruth, measure_live, trace_live};
+pub use moves::Moves;
 pub use truth::{Quality, Subject, TracedPart, Truth, trace};
 
 use std::ops::ControlFlow;

@@ -1,0 +1,144 @@
+//! What moves while live frames are measured.
+
+use std::borrow::Cow;
+use std::f32::consts::TAU;
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use glam::{Mat4, Quat, Vec3};
+use gpugi_scene::names::{UnknownObject, check_names, is_named_by};
+use gpugi_scene::{Camera, Scene};
+
+/// Frames that are measured while something moves, and those of them that are compared.
+pub(super) const FRAMES: u32 = 36;
+pub(super) const COMPARED: [u32; 3] = [27, 31, 35];
+/// Frames per second.
+const RATE: f32 = 60.0;
+/// Degrees of an orbit per frame.
+const SPEED: f32 = 0.3;
+/// Seconds of a swing to and fro, and how far it goes, as a part of the scene's diagonal.
+const SWING_SECONDS: f32 = 2.0;
+const SWING: f32 = 0.05;
+/// The first frame without the light that goes off: a quarter of a second before the last.
+const OFF: u32 = FRAMES - 15;
+
+/// What moves while live frames are measured, 60 per second.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Moves {
+    /// The camera, in an orbit about the middle of the scene's bounds, 0.3 degrees per frame.
+    #[default]
+    Camera,
+    /// The scene's own animation.
+    Animation,
+    /// Lights and objects of these names, sideways: a swing of 2 s, a twentieth of the scene's diagonal to each side, fastest
+    /// in the last frame, where they are where they belong.
+    Swing(String),
+    /// Nothing, but lights and objects of these names go off a quarter of a second before the last frame.
+    Off(String),
+}
+
+impl FromStr for Moves {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.split_once('=')) {
+            ("camera", _) => Ok(Self::Camera),
+            ("animation", _) => Ok(Self::Animation),
+            (_, Some(("swing", names))) => Ok(Self::Swing(names.to_owned())),
+            (_, Some(("off", names))) => Ok(Self::Off(names.to_owned())),
+            _ => Err("camera, animation, swing=NAMES or off=NAMES are known".to_owned()),
+        }
+    }
+}
+
+impl Display for Moves {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Camera => write!(f, "camera"),
+            Self::Animation => write!(f, "animation"),
+            Self::Swing(names) => write!(f, "swing={names}"),
+            Self::Off(names) => write!(f, "off={names}"),
+        }
+    }
+}
+
+impl Moves {
+    /// Checks that something of a scene moves so.
+    ///
+    /// # Errors
+    /// Why nothing does.
+    pub fn check(&self, scene: &Scene) -> Result<(), String> {
+        match self {
+            Self::Camera => Ok(()),
+            Self::Animation => match scene.rig.as_ref().is_some_and(|rig| rig.moves()) {
+                true => Ok(()),
+                false => Err("nothing moves in the scene".to_owned()),
+            },
+            Self::Swing(names) | Self::Off(names) => {
+                let objects = scene.instances.iter().map(|object| object.name.as_str());
+                let lights = scene.lights.iter().map(|light| light.name.as_str());
+                let found = check_names(names, objects.chain(lights));
+                found.map_err(|unknown: UnknownObject| unknown.to_string())
+            }
+        }
+    }
+
+    /// Scene and camera at a frame. `time`: that of the scene in the first frame (s).
+    pub(super) fn at<'a>(
+        &self,
+        (scene, camera): (&'a Scene, &'a Camera),
+        time: f32,
+        frame: u32,
+    ) -> (Cow<'a, Scene>, Cow<'a, Camera>) {
+        let left = (FRAMES - 1 - frame) as f32;
+        let mut moved = Cow::Borrowed(scene);
+        let mut seen = Cow::Borrowed(camera);
+        match self {
+            Self::Camera => {
+                let center = Mat4::from_translation(scene.bounds().center());
+                let turn = Mat4::from_quat(Quat::from_rotation_y((-SPEED * left).to_radians()));
+                seen.to_mut().world_from_view =
+                    center * turn * center.inverse() * camera.world_from_view;
+            }
+            Self::Animation => {
+                let moment = time + frame as f32 / RATE;
+                moved.to_mut().pose(moment);
+                *seen.to_mut() = scene.camera_at(camera, moment);
+            }
+            Self::Swing(names) => {
+                let far = SWING * scene.bounds().diagonal();
+                let phase = TAU * left / (RATE * SWING_SECONDS);
+                let across = camera.world_from_view.transform_vector3(Vec3::X);
+                let by = Mat4::from_translation(-across.normalize_or_zero() * far * phase.sin());
+                let moved = moved.to_mut();
+                for light in &mut moved.lights {
+                    if is_named_by(&light.name, names) {
+                        light.world_from_light = by * light.world_from_light;
+                    }
+                }
+                for object in &mut moved.instances {
+                    if is_named_by(&object.name, names) {
+                        object.world_from_mesh = by * object.world_from_mesh;
+                    }
+                }
+            }
+            Self::Off(names) if frame >= OFF => {
+                let dark = moved.to_mut();
+                for light in &mut dark.lights {
+                    if is_named_by(&light.name, names) {
+                        light.intensity = Vec3::ZERO;
+                    }
+                }
+                for index in 0..dark.instances.len() {
+                    if is_named_by(&dark.instances[index].name, names) {
+                        let mut material = dark.materials[dark.instances[index].material].clone();
+                        material.emissive = Vec3::ZERO;
+                        dark.instances[index].material = dark.add_material(material);
+                    }
+                }
+            }
+            Self::Off(_) => {}
+        }
+        (moved, seen)
+    }
+}
