@@ -1,6 +1,7 @@
 //! `gpugi render`.
 
 mod chosen;
+mod rival;
 mod tracing;
 
 use std::ops::ControlFlow;
@@ -62,7 +63,8 @@ pub struct Arguments {
     size: [u32; 2],
     #[command(flatten)]
     picture: PictureArguments,
-    /// Print which techniques were chosen and why, what each adds and what it costs, and the light that is missing
+    /// Print which techniques were chosen and why, what each adds and what it costs, the light that is missing, and what the
+    /// other way, techniques or the path tracer, comes to: it takes as long again
     #[arg(long)]
     explain: bool,
     /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 64 if lens or shutter blur the
@@ -428,6 +430,12 @@ fn render_techniques(
             &costs,
             maps_seconds,
         );
+        if set.is_some() {
+            let (of_scene, seconds) = ((scene, camera), started.elapsed().as_secs_f64());
+            let made = (&renderer.radiance()?[..], seconds);
+            let rival = rival::path_tracer(gpu, arguments, of_scene, made)?;
+            println!("{}", rival.unwrap_or_default());
+        }
     }
     let layers = match arguments.aov.is_empty() {
         true => None,
@@ -539,6 +547,10 @@ fn render_reference(
         true => tracer.denoised()?,
         false => tracer.radiance()?,
     };
+    if arguments.explain && !common.quiet {
+        let rival = rival::techniques(gpu, arguments, (scene, camera), &radiance)?;
+        println!("  {}", rival.unwrap_or_default());
+    }
     let layers = match arguments.aov.is_empty() {
         true => None,
         false => Some(Layers {

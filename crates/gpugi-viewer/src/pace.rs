@@ -24,8 +24,6 @@ const TRACED_SECONDS: f32 = 0.1;
 const MAPS_RATE: u32 = 60;
 /// Limits of the budget, in units of [`Budget`].
 const UNITS: [u64; 2] = [20_000, 1 << 40];
-/// The budget before the first measurement.
-const FIRST_UNITS: u64 = 250_000;
 
 /// What a frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -119,8 +117,8 @@ impl Default for Pace {
                 ..Resolution::default()
             },
             at_rest: PixelTime::default(),
-            units_in_motion: FIRST_UNITS,
-            units_alone: FIRST_UNITS,
+            units_in_motion: Budget::LIVE_VIEW_UNITS,
+            units_alone: Budget::LIVE_VIEW_UNITS,
         }
     }
 }

@@ -215,8 +215,23 @@ fn live_frames_are_measured_in_motion() {
     assert!(value("moving") > 0.0 && value("moving") < 0.9);
     assert!((value("brightness") - 1.0).abs() < 0.3, "{report}");
     assert!(std::fs::metadata(&beside).is_ok());
-    let refused = gpugi(&["measure", "cornell", "--live", "--all-light"]);
-    assert_eq!(refused.status.code(), Some(2));
+    for (words, reason) in [
+        (&["--live", "--all-light"][..], "--all-light"),
+        (&["--moves", "swing=light"], "--live"),
+        (&["--live", "--moves", "light"], "swing=NAMES"),
+        (&["--live", "--moves", "swing=lights"], "\"lights\""),
+        (&["--live", "--moves", "animation"], "nothing moves"),
+    ] {
+        let refused = gpugi(&[&["measure", "cornell"], words].concat());
+        assert_eq!(refused.status.code(), Some(2), "{words:?}");
+        assert!(text(&refused.stderr).contains(reason), "{words:?}");
+    }
+    // With the light at its fastest, few frames before show what it lights now.
+    arguments.extend(["--moves", "swing=light"]);
+    assert!(gpugi(&arguments).status.success());
+    let swinging: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+    assert_ne!(swinging["moving"], report["moving"]);
 }
 
 /// Tables, JSON and chart hold the same; what is not in time is left out. How much is in time depends on the machine.

@@ -12,6 +12,7 @@ use crate::light_paths::{LightClass, all_light};
 use crate::lighting::Readiness;
 use crate::picture::Effects;
 use crate::renderer::Renderer;
+use crate::techniques::Budget;
 
 /// Frames at rest, of a picture that would have as many samples as views have.
 const REST_FRAMES: u32 = 16;
@@ -144,6 +145,8 @@ pub fn measure_live(
         return Err(MeasureError::Interrupted);
     }
     renderer.forget();
+    // Maps of what moves take turns, as in a view.
+    renderer.set_budget(Budget::units(Budget::LIVE_VIEW_UNITS));
     for frame in 0..FRAMES {
         let (shown, seen) = at(frame);
         if truth.moves != Moves::Camera {
@@ -170,6 +173,7 @@ pub fn measure_live(
             return Err(MeasureError::Interrupted);
         }
     }
+    renderer.set_budget(Budget::UNLIMITED);
     let (_, seen) = at(FRAMES - 1);
     let mut pixels = [Vec::new(), Vec::new()];
     for frame in 0..4 {

@@ -142,3 +142,88 @@ impl Moves {
         (moved, seen)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use gpugi_scene::builtin::builtin;
+
+    use super::*;
+
+    fn scene(name: &str) -> Scene {
+        builtin(name, 1).unwrap()
+    }
+
+    #[test]
+    fn words_say_what_moves() {
+        for text in ["camera", "animation", "swing=lamp,ball*", "off=lamp"] {
+            assert_eq!(text.parse::<Moves>().unwrap().to_string(), text);
+        }
+        assert!("lamp".parse::<Moves>().is_err() && "spin=lamp".parse::<Moves>().is_err());
+        let room = scene("room");
+        let swing = |names: &str| Moves::Swing(names.to_owned()).check(&room);
+        assert!(
+            swing("spot,sphere").is_ok() && swing("spot,nothing").unwrap_err().contains("nothing")
+        );
+        assert!(Moves::Animation.check(&room).is_err());
+        assert!(Moves::Animation.check(&scene("station")).is_ok());
+    }
+
+    /// Lights and objects swing across the view, and end where they belong.
+    #[test]
+    fn what_swings_passes_its_own_place() {
+        let room = scene("room");
+        let camera = &room.cameras[0];
+        let swing = Moves::Swing("spot,sphere".to_owned());
+        let at = |frame| swing.at((&room, camera), 0.0, frame);
+        let (last, seen) = at(FRAMES - 1);
+        assert!(*last == room && *seen == *camera);
+        let (first, _) = at(0);
+        let place = |scene: &Scene, name: &str| {
+            let light = scene
+                .lights
+                .iter()
+                .find(|light| light.name.as_str() == name);
+            let object = (scene.instances.iter()).find(|object| object.name.as_str() == name);
+            let world = light.map(|light| light.world_from_light);
+            let world = world.or(object.map(|object| object.world_from_mesh));
+            world.unwrap().w_axis.truncate()
+        };
+        let across = camera.world_from_view.x_axis.truncate();
+        // 35 of 120 frames of a swing: nearly its widest.
+        let far = SWING * room.bounds().diagonal() * (TAU * 35.0 / 120.0).sin();
+        for name in ["spot", "sphere"] {
+            let by = place(&first, name) - place(&room, name);
+            assert!(by.abs_diff_eq(-across * far, 1e-5), "{name}: {by}");
+        }
+        assert_eq!(place(&first, "box"), place(&room, "box"));
+    }
+
+    #[test]
+    fn lamps_go_off_alone() {
+        let (room, cornell) = (scene("room"), scene("cornell"));
+        for (scene, name) in [(&room, "spot"), (&cornell, "light")] {
+            let off = Moves::Off(name.to_owned());
+            let at = |frame| off.at((scene, &scene.cameras[0]), 0.0, frame).0;
+            assert_eq!(*at(OFF - 1), *scene);
+            let dark = at(OFF);
+            let light = |scene: &Scene| -> Vec<Vec3> {
+                let lights = scene.lights.iter().map(|light| light.intensity);
+                let objects = scene.instances.iter();
+                let emissive = objects.map(|object| scene.materials[object.material].emissive);
+                lights.chain(emissive).collect()
+            };
+            let changed = light(scene).into_iter().zip(light(&dark));
+            let changed: Vec<_> = changed.filter(|(before, after)| before != after).collect();
+            assert!(changed.len() == 1 && changed[0].1 == Vec3::ZERO, "{name}");
+        }
+    }
+
+    #[test]
+    fn animations_play() {
+        let station = scene("station");
+        let (moved, _) = Moves::Animation.at((&station, &station.cameras[0]), 2.0, 30);
+        let mut posed = station.clone();
+        posed.pose(2.5);
+        assert!(*moved == posed && posed != station);
+    }
+}

@@ -26,6 +26,9 @@ impl Budget {
     /// No limit but those of the techniques' settings, such as `radiosity.steps`: for still pictures and bakes.
     pub const UNLIMITED: Self = Self(u64::MAX);
 
+    /// Units of a live view's frame, before anybody has measured how long they take.
+    pub const LIVE_VIEW_UNITS: u64 = 250_000;
+
     /// A limit of `units` per frame.
     pub const fn units(units: u64) -> Self {
         Self(units)
