@@ -136,6 +136,15 @@ pub fn direct(gpu: &Gpu, scene: &Scene) -> Vec<String> {
     names
 }
 
+/// As many samples of a renderer's picture as make its light: more where paths are traced, whose noise live views filter.
+pub fn samples_of(renderer: &Renderer, samples: u32) -> u32 {
+    let mut techniques = renderer.techniques().iter();
+    match techniques.any(|technique| technique.info().is_noisy) {
+        true => 32 * samples,
+        false => samples,
+    }
+}
+
 /// A renderer of direct light with settings in the form `technique.name=value`.
 pub fn renderer(gpu: &Gpu, scene: &Scene, size: u32, settings: &[&str]) -> Renderer {
     let names = direct(gpu, scene);

