@@ -303,6 +303,8 @@ def test_comparisons_and_measurements() -> None:
     found = gpugi.compare(truth * 1.1, truth)
     assert found["rmse"] == pytest.approx(0.05, rel=1e-4) and found.maps["rel-mse"].shape == (16, 16)
     assert gpugi.compare(truth, truth, metrics=["psnr"])["psnr"] == np.inf
+    frame = gpugi.Renderer("cornell", size=SIZE, techniques=DIRECT).render(samples=1)
+    assert gpugi.compare(frame, frame.color)["flip"] == 0
     measured = gpugi.measure("cornell", size=SIZE, techniques=DIRECT, samples=4, reference_samples=16)
     assert 0 < measured.metrics["rel-mse"] < 1 and measured.color.shape == measured.reference.shape
     assert measured.memory["scene"] > 0

@@ -90,20 +90,27 @@ impl Output {
         })
     }
 
-    /// Looks whether as many `frames` can be written, before hours are spent on them. Makes the folder.
+    /// Whether frames become files of a folder.
+    pub fn is_folder(&self) -> bool {
+        matches!(self.format, Format::Folder)
+    }
+
+    /// Looks whether frames can be written, before hours are spent on them. Makes the folder, which may hold no more than
+    /// `frames` of an earlier film, if they are known.
     ///
     /// # Errors
     /// What is missing.
-    pub fn check(&self, frames: u32) -> anyhow::Result<()> {
+    pub fn check(&self, frames: Option<u32>) -> anyhow::Result<()> {
         let folder = match self.format {
             Format::Folder => {
                 make_folder(&self.path)?;
-                let next = frame_path(&self.path, frames);
-                ensure!(
-                    !next.exists(),
-                    "{} is of a longer film: remove that one, or name another folder",
-                    next.display()
-                );
+                let next = frames.map(|frames| frame_path(&self.path, frames));
+                if let Some(next) = next.filter(|next| next.exists()) {
+                    bail!(
+                        "{} is of a longer film: remove that one, or name another folder",
+                        next.display()
+                    );
+                }
                 self.path.clone()
             }
             Format::WebP | Format::Mp4 | Format::WebM => {
@@ -152,16 +159,16 @@ impl Output {
         }
     }
 
-    /// Begins to write.
+    /// Begins to write. `first`: the number of the first frame.
     ///
     /// # Errors
     /// Why it cannot.
-    pub fn begin(&self) -> anyhow::Result<Box<dyn Encoder>> {
+    pub fn begin(&self, first: u32) -> anyhow::Result<Box<dyn Encoder>> {
         Ok(match self.format {
             Format::Folder => Box::new(Folder {
                 folder: self.path.clone(),
                 size: self.size,
-                frames: 0,
+                next: first,
             }),
             Format::WebP => Box::new(WebP::new(self)?),
             Format::Mp4 | Format::WebM => Box::new(Ffmpeg::new(self)?),
@@ -187,13 +194,14 @@ pub trait Encoder {
 struct Folder {
     folder: PathBuf,
     size: [u32; 2],
-    frames: u32,
+    /// Number of the next frame.
+    next: u32,
 }
 
 impl Encoder for Folder {
     fn add(&mut self, rgba: &[u8]) -> anyhow::Result<()> {
-        write_png(&frame_path(&self.folder, self.frames), self.size, rgba)?;
-        self.frames += 1;
+        write_png(&frame_path(&self.folder, self.next), self.size, rgba)?;
+        self.next += 1;
         Ok(())
     }
 

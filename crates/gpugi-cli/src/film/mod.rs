@@ -3,6 +3,7 @@
 mod encoder;
 mod frames;
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
@@ -43,6 +44,9 @@ pub struct Arguments {
     /// Frames per second
     #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = parse_rate)]
     fps: f64,
+    /// Only these frames of the film, counted from 0, into files of their numbers: a share of a render farm's job (-o a folder)
+    #[arg(long, value_name = "FIRST-LAST", value_parser = parse_frames)]
+    frames: Option<[u32; 2]>,
     /// Turn the camera once around its target, or the middle of the scene, while the film lasts
     #[arg(long)]
     turn: bool,
@@ -71,6 +75,14 @@ fn parse_rate(text: &str) -> Result<f64, String> {
     let rate = text.parse().ok();
     rate.filter(|rate| (least..=most).contains(rate))
         .ok_or_else(|| format!("expected frames per second, {least} to {most}"))
+}
+
+fn parse_frames(text: &str) -> Result<[u32; 2], String> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    match (first.parse(), last.parse()) {
+        (Ok(first), Ok(last)) if first <= last => Ok([first, last]),
+        _ => Err("expected FIRST-LAST, such as 0-99, or the number of one frame".to_owned()),
+    }
 }
 
 /// Renders the film.
@@ -102,7 +114,24 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
         times,
         size,
     };
-    output.check(times.frames)?;
+    let of_film = 0..times.frames;
+    let share = match arguments.frames {
+        None => of_film,
+        Some([first, last]) if last < of_film.end && output.is_folder() => first..last + 1,
+        Some([first, last]) => {
+            let frames = times.frames;
+            let message = match output.is_folder() {
+                true => format!(
+                    "--frames {first}-{last}: the film has frames 0 to {}",
+                    frames - 1
+                ),
+                false => "--frames: shares of a film are PNGs in a folder".to_owned(),
+            };
+            return Err(Usage(message).into());
+        }
+    };
+    // Others may have written what comes after a share.
+    output.check(arguments.frames.is_none().then_some(times.frames))?;
     let gpu = Gpu::open(&common.adapter)?;
     interrupt::catch();
     print_notes(common, &notes);
@@ -110,8 +139,9 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     let count = thread::scope(|scope| {
         let (sender, receiver) = sync_channel(QUEUE);
         let output = &output;
-        let encoding = scope.spawn(move || encode(output, &receiver));
-        let sent = send(common, &mut frames, times.frames, sender);
+        let first = share.start;
+        let encoding = scope.spawn(move || encode(output, first, &receiver));
+        let sent = send(common, &mut frames, share, sender);
         let encoded = encoding.join();
         // If the encoder fails, nothing can be sent: what it says comes first.
         (encoded.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).and(sent)
@@ -175,7 +205,7 @@ enum Told {
 fn send(
     common: &Common,
     frames: &mut Frames<'_>,
-    count: u32,
+    share: Range<u32>,
     sender: SyncSender<Told>,
 ) -> anyhow::Result<u32> {
     let mut progress = Progress::new(common.quiet);
@@ -187,19 +217,24 @@ fn send(
         sent += u32::from(is_sent);
         anyhow::Ok(is_sent)
     };
+    let [first, end] = [share.start, share.end].map(i64::from);
+    let count = end - first;
     let lead = i64::from(frames.lead());
     // A frame's pixels come to the host while the next one is made.
     let mut last: Option<Pixels> = None;
-    for frame in -lead..i64::from(count) {
-        let done = (frame + lead) as f64 / (i64::from(count) + lead) as f64;
-        progress.show(done, &format!("frame {} of {count}", frame.max(0) + 1));
+    for frame in first - lead..end {
+        let done = (frame - first + lead) as f64 / (count + lead) as f64;
+        progress.show(
+            done,
+            &format!("frame {} of {count}", (frame - first).max(0) + 1),
+        );
         let Some(pixels) = frames.make(frame)? else {
             break;
         };
-        if frame == -lead {
+        if frame == first - lead {
             print_notes(common, &frames.notes());
         }
-        if frame >= 0
+        if frame >= first
             && let Some(last) = last.replace(pixels)
             && !send(last)?
         {
@@ -210,7 +245,7 @@ fn send(
         send(last)?;
     }
     progress.finish();
-    if interrupt::asked() && sent < count {
+    if interrupt::asked() && i64::from(sent) < count {
         if sent == 0 {
             bail!("interrupted before the first frame");
         }
@@ -223,8 +258,8 @@ fn send(
 }
 
 /// Writes the frames that it is sent.
-fn encode(output: &Output, told: &Receiver<Told>) -> anyhow::Result<()> {
-    let mut encoder = output.begin()?;
+fn encode(output: &Output, first: u32, told: &Receiver<Told>) -> anyhow::Result<()> {
+    let mut encoder = output.begin(first)?;
     while let Ok(told) = told.recv() {
         match told {
             Told::Frame(pixels) => encoder.add(&pixels)?,

@@ -130,6 +130,12 @@ fn has_still_frames(name: &str, options: &[&str]) {
     let last = ["--time", "0.6666667"];
     done(&make("render", &scene, &picture, &[&options, &last]));
     assert!(png(&picture) == png(&frames.join("0002.png")));
+    // A share of the film has the frames that the film has.
+    let share = folder.join("share");
+    let of_share = ["--fps", "3", "--frames", "1-2"];
+    done(&make("film", &scene, &share, &[&options, &of_share]));
+    assert_eq!(names(&share), ["0001.png", "0002.png"]);
+    assert!(png(&picture) == png(&share.join("0002.png")));
 }
 
 #[test]
@@ -419,6 +425,9 @@ fn wrong_films_are_refused_before_they_are_rendered() {
         (1, &path("lamp.gltf/x"), &[], "cannot be made"),
         (1, &path("folder.webp"), &[], "is a folder"),
         (1, &longer, &[], "0030.png is of a longer film"),
+        (2, &webp, &["--frames", "0-1"], "PNGs in a folder"),
+        (2, &longer, &["--frames", "29-30"], "frames 0 to 29"),
+        (2, &longer, &["--frames", "2-1"], "FIRST-LAST"),
     ] {
         let film = ["film", &scene, "-o", output];
         let film = gpugi(&[&film[..], more].concat());

@@ -268,11 +268,12 @@ class Comparison:
         return self.values[metric]
 
 
-def compare(test: ArrayLike, reference: ArrayLike, *, metrics: Iterable[str] | None = None) -> Comparison:
-    """How far an image is from its reference, by rel-mse, rel-mse-4, rmse, psnr, ssim and flip, or those in `metrics`.
+def compare(test: ArrayLike | Frame, reference: ArrayLike | Frame, *, metrics: Iterable[str] | None = None) -> Comparison:
+    """How far an image, or that of a frame, is from its reference, by rel-mse, rel-mse-4, rmse, psnr, ssim and flip, or those in `metrics`.
 
     Floats of shape (height, width, 3) are radiance, bytes are what displays show.
     """
+    test, reference = (image.color if isinstance(image, Frame) else image for image in (test, reference))
     found = _gpugi.compare(test, reference, None if metrics is None else list(metrics))
     return Comparison(
         values={name: value for name, (value, _) in found.items()},
