@@ -144,9 +144,15 @@ def main(arguments: list[str] | None = None) -> list[float]:
     bake = measured(options.scene, options.atlas_size, options.samples, options.memory) if options.scene else Bake()
     machines = Machines()
     for change in options.changes:
-        name, value = change.split("=")
-        subject = bake if hasattr(bake, name) else machines
-        setattr(subject, name, type(getattr(subject, name))(value))
+        name, _, value = change.partition("=")
+        subject = next((subject for subject in (bake, machines) if name in vars(subject)), None)
+        try:
+            number = float(value)
+        except ValueError:
+            subject = None
+        if subject is None:
+            parser.error(f"--with {change}: NAME=NUMBER is needed, and the names are {', '.join([*vars(bake), *vars(machines)])}")
+        setattr(subject, name, int(number) if name == "tasks" else number)
     print(bake, machines)
     print("| workers | time [s] | speed-up | efficiency |\n|---|---|---|---|")
     counts = [1, 2, 4, 10, 30, 100, 300, 1000, 3000, 10_000]

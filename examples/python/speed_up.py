@@ -36,11 +36,14 @@ def bake(scene: gpugi.Scene, workers: int, options: argparse.Namespace) -> tuple
             memory=options.memory,
         )
         seconds = time.perf_counter() - began
-        return hashlib.sha256(output.read_bytes()).hexdigest(), {"bake": seconds, "bake after its first task": reports[-1] - reports[0]}
+        times = {"bake": seconds}
+        if len(reports) > 1:
+            times["bake after its first task"] = reports[-1] - reports[0]
+        return hashlib.sha256(output.read_bytes()).hexdigest(), times
 
 
 def film(scene: gpugi.Scene, workers: int, options: argparse.Namespace) -> tuple[str, dict[str, float]]:
-    """A film of scenes that move, or of turns around those that do not: what it made, and its times (s)."""
+    """A film of a scene that moves: what it made, and its times (s)."""
     times = [number / 30.0 for number in range(options.frames)]
     checksum = hashlib.sha256()
     first = began = time.perf_counter()
@@ -86,7 +89,8 @@ def main(arguments: list[str] | None = None) -> dict[str, list[float]]:
             made.add(what)
             for name, seconds in times.items():
                 measured.setdefault(name, []).append(seconds)
-                print(f"{name}, {workers} workers: {seconds:.1f} s, {measured[name][0] / seconds:.2f} times", flush=True)
+                times_faster = measured[name][0] / max(seconds, 1e-9)
+                print(f"{name}, workers: {workers}: {seconds:.1f} s, {times_faster:.2f} times", flush=True)
         print("the same bits" if len(made) == 1 else "OTHER BITS", flush=True)
     return measured
 

@@ -38,7 +38,7 @@ pub struct Arguments {
     #[arg(long, conflicts_with_all = ["all_light", "diff"])]
     live: bool,
     /// What moves in live frames: camera (an orbit), animation (the scene's), swing=NAMES (lights or objects, sideways), or
-    /// off=NAMES (nothing, but lights or emitters go off a quarter of a second before the last frame)
+    /// off=NAMES (nothing, but lights or emitters are off in the last 16 frames)
     #[arg(long, value_name = "WHAT", default_value_t = Moves::Camera, requires = "live")]
     moves: Moves,
     /// Measure instead what each of several sets shows when so many milliseconds have passed, against all light: still

@@ -22,6 +22,7 @@ use crate::progress::Progress;
 use crate::scene_argument::{self, SceneArguments};
 use crate::{Common, Usage, interrupt};
 pub use chosen::Chosen;
+use rival::Rival;
 use tracing::{Tracing, path_tracing};
 
 /// Options of pictures and films: what is seen, by whom, and lit by what.
@@ -64,7 +65,7 @@ pub struct Arguments {
     #[command(flatten)]
     picture: PictureArguments,
     /// Print which techniques were chosen and why, what each adds and what it costs, the light that is missing, and what the
-    /// other way, techniques or the path tracer, comes to: it takes as long again
+    /// other way, techniques or the path tracer, would give. Takes about twice as long
     #[arg(long)]
     explain: bool,
     /// Samples per pixel, once the techniques' maps are final (default: 4, for smooth edges; 64 if lens or shutter blur the
@@ -142,6 +143,8 @@ struct Rendered {
     passes_of_last_sample: Vec<Timing>,
     estimated_rel_mse: Option<f64>,
     path_segments: Option<u64>,
+    /// The other way to make it, if that is to be explained.
+    rival: Option<Rival>,
 }
 
 /// Converts a renderer's argument errors to usage errors.
@@ -278,6 +281,16 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
             size[1],
             gpu.adapter.name
         );
+    }
+    if let Some(rival) = rendered
+        .rival
+        .filter(|_| !common.quiet && !interrupt::asked())
+    {
+        match rival.in_words(&gpu, arguments, (&scene, &camera)) {
+            Ok(Some(words)) => println!("{words}"),
+            Ok(None) => {}
+            Err(error) => eprintln!("note: the other way to make the picture fails: {error:#}"),
+        }
     }
     Ok(())
 }
@@ -430,13 +443,12 @@ fn render_techniques(
             &costs,
             maps_seconds,
         );
-        if set.is_some() {
-            let (of_scene, seconds) = ((scene, camera), started.elapsed().as_secs_f64());
-            let made = (&renderer.radiance()?[..], seconds);
-            let rival = rival::path_tracer(gpu, arguments, of_scene, made)?;
-            println!("{}", rival.unwrap_or_default());
-        }
     }
+    let seconds = started.elapsed().as_secs_f64();
+    let rival = match arguments.explain && set.is_some() {
+        true => Some(Rival::PathTracer(renderer.radiance()?, seconds)),
+        false => None,
+    };
     let layers = match arguments.aov.is_empty() {
         true => None,
         false => Some(Layers {
@@ -476,6 +488,7 @@ fn render_techniques(
         passes_of_last_sample,
         estimated_rel_mse: None,
         path_segments: None,
+        rival,
     })
 }
 
@@ -547,10 +560,7 @@ fn render_reference(
         true => tracer.denoised()?,
         false => tracer.radiance()?,
     };
-    if arguments.explain && !common.quiet {
-        let rival = rival::techniques(gpu, arguments, (scene, camera), &radiance)?;
-        println!("  {}", rival.unwrap_or_default());
-    }
+    let rival = (arguments.explain).then(|| Rival::Techniques(radiance.clone()));
     let layers = match arguments.aov.is_empty() {
         true => None,
         false => Some(Layers {
@@ -583,5 +593,6 @@ fn render_reference(
         passes_of_last_sample: Vec::new(),
         estimated_rel_mse: Some(noise).filter(|_| done.samples > 1),
         path_segments: Some(tracer.segments()?),
+        rival,
     })
 }

@@ -101,13 +101,13 @@ struct State {
     has_features: bool,
     /// The seed of its maps, once there are some.
     seed: Option<u32>,
-    /// What is to be said of its pictures, once that is known: as long as the light of the scene is of the same kinds.
-    told: Option<Told>,
+    /// Those that go with its pictures, once they are known; `None` after a change.
+    sentences: Option<Sentences>,
 }
 
-/// What is to be said of pictures.
+/// The sentences that go with pictures.
 #[derive(Clone)]
-struct Told {
+struct Sentences {
     left_out: Vec<String>,
     notes: Vec<String>,
 }
@@ -134,7 +134,7 @@ impl PyRenderer {
             shown,
             has_features: false,
             seed: None,
-            told: None,
+            sentences: None,
         };
         Ok(Self {
             gpu,
@@ -160,7 +160,7 @@ impl PyRenderer {
     fn set(&self, py: Python<'_>, technique: &str, name: &str, value: &str) -> PyResult<()> {
         py.detach(|| {
             let mut state = self.state.lock()?;
-            state.told = None;
+            state.sentences = None;
             state.chosen.set(technique, name, value)
         })
         .map_err(raised)
@@ -200,9 +200,11 @@ impl PyRenderer {
             if !is_whole {
                 return Ok(None);
             }
-            let State { chosen, told, .. } = &mut *state;
+            let State {
+                chosen, sentences, ..
+            } = &mut *state;
             let renderer = &chosen.renderer;
-            let told = told.get_or_insert_with(|| Told {
+            let sentences = sentences.get_or_insert_with(|| Sentences {
                 left_out: renderer.left_out(),
                 notes: chosen.notes(),
             });
@@ -216,10 +218,10 @@ impl PyRenderer {
             };
             let objects = objects.into_iter();
             let objects = objects.map(|point| point.map_or(-1, |point| point.instance as i32));
-            let Told {
+            let Sentences {
                 left_out,
                 mut notes,
-            } = told.clone();
+            } = sentences.clone();
             notes.extend(renderer.warnings());
             anyhow::Ok(Some((
                 renderer.radiance()?,
@@ -247,7 +249,7 @@ impl PyRenderer {
 }
 
 impl PyRenderer {
-    /// Samples between two looks at Ctrl-C, for which the GPU must be waited for: that costs a fast one time.
+    /// Samples between two looks at Ctrl-C. Before each, somebody waits for the GPU, which slows a fast one.
     fn at_once(&self) -> u32 {
         match self.gpu.adapter.is_software() {
             true => 1,
@@ -267,7 +269,7 @@ impl PyRenderer {
         let motion = Motion::seen_by(camera, &kept.scene, kept.time);
         let is_shown = |state: &State| Arc::ptr_eq(&state.shown, &kept.scene);
         if !is_shown(state) {
-            state.told = None;
+            state.sentences = None;
         }
         // Maps hold random numbers, too, and go on from those before; another scene may take other techniques.
         if state.seed.is_some_and(|before| before != seed)
@@ -298,7 +300,7 @@ impl PyRenderer {
                 Ok(_) => break,
                 Err(error) => {
                     state.chosen.without_atlas(error)?;
-                    state.told = None;
+                    state.sentences = None;
                     state.chosen.renderer.update(&kept.scene)?;
                     if state.has_features {
                         state.chosen.renderer.keep_features()?;

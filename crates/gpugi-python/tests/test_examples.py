@@ -88,6 +88,10 @@ def test_ray_bake(tmp_path: Path) -> None:
     ray.init(num_cpus=2, num_gpus=0, log_to_driver=False, include_dashboard=False)
     try:
         run("ray_bake", "cornell", tmp_path / "baked.glb", "--samples", 2, "--atlas-size", 64, "--workers", 1)
+        direct = ["--technique", "shadow-map", "--film-technique", "shadow-map", "--film-samples", 1]
+        small = ["--samples", 2, "--atlas-size", 64, "--frames", 2, "--per-task", 1, *SMALL]
+        times = run("speed_up", "cornell", "--workers", 1, *direct, *small)
     finally:
         ray.shutdown()
+    assert set(times) >= {"bake", "film"} and min(min(all) for all in times.values()) > 0
     assert gpugi.Scene.load(tmp_path / "baked.glb").statistics["images"] > 0

@@ -267,9 +267,9 @@ impl Renderer {
         self.restart();
     }
 
-    /// Limits the work on maps per frame, for live views; unlimited at first.
-    pub fn set_budget(&mut self, budget: Budget) {
-        self.budget = budget;
+    /// Limits the work on maps per frame, for live views; unlimited at first. Returns the limit before.
+    pub fn set_budget(&mut self, budget: Budget) -> Budget {
+        std::mem::replace(&mut self.budget, budget)
     }
 
     /// Work on maps in the last frame, in units of [`Budget`].

@@ -120,7 +120,8 @@ impl SharedBake {
         tasks.collect()
     }
 
-    /// Runs a task; returns its result. Maps may be broken off between the steps that solve them, and go on later.
+    /// Runs a task; returns its result. `progress` may stop maps between the steps that solve them; a
+    /// later call goes on.
     ///
     /// # Errors
     /// If the task is of another bake, the GPU fails, or `progress` breaks off.

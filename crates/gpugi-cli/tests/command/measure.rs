@@ -226,7 +226,7 @@ fn live_frames_are_measured_in_motion() {
         assert_eq!(refused.status.code(), Some(2), "{words:?}");
         assert!(text(&refused.stderr).contains(reason), "{words:?}");
     }
-    // With the light at its fastest, few frames before show what it lights now.
+    // Other frames, and so another error.
     arguments.extend(["--moves", "swing=light"]);
     assert!(gpugi(&arguments).status.success());
     let swinging: serde_json::Value =

@@ -83,8 +83,8 @@ fn renders_a_picture_with_report_and_quantities() {
         "per sample",
         "maps were final after ",
         "no kind of light of the scene is left out",
-        " s, the path tracer takes ",
-        "pictures are ",
+        "the path tracer takes ",
+        "the techniques' own error is about ",
     ] {
         assert!(explained.contains(part), "{part:?} is not in {explained}");
     }

@@ -102,12 +102,36 @@ pub fn trace_live(
 }
 
 /// Measures live frames of `renderer` with `effects`, such as those of a live view. It renders `scene`, as seen by `camera`,
-/// while what `truth` says moves. Frames of another size than `truth`'s are enlarged, as a viewer enlarges them. In the end, the
-/// renderer shows `scene` again.
+/// while what `truth` says moves. Frames of another size than `truth`'s are enlarged, as a viewer enlarges them. Maps get
+/// the work per frame that a view begins with. In the end, the renderer shows `scene` and has its budget again.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn measure_live(
+    (scene, camera): (&Scene, &Camera),
+    renderer: &mut Renderer,
+    effects: &Effects,
+    truth: &LiveTruth,
+    options: &Options,
+    report: Report<'_>,
+) -> Result<Live, MeasureError> {
+    let before = renderer.set_budget(Budget::UNLIMITED);
+    let measured = measured(
+        (scene, camera),
+        &mut *renderer,
+        effects,
+        truth,
+        options,
+        report,
+    );
+    renderer.set_budget(before);
+    if truth.moves != Moves::Camera {
+        renderer.update(scene)?;
+    }
+    measured
+}
+
+fn measured(
     (scene, camera): (&Scene, &Camera),
     renderer: &mut Renderer,
     effects: &Effects,
@@ -188,9 +212,6 @@ pub fn measure_live(
     // All stands still where it was in the last frame.
     let truth_of_last = &truth.radiance[COMPARED.len() - 1];
     let still = flip(&shown_by(renderer)?, truth_of_last)?;
-    if truth.moves != Moves::Camera {
-        renderer.update(scene)?;
-    }
     whole.sort_by(f64::total_cmp);
     let passes = medians(times);
     Ok(Live {

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 use glam::{Mat4, Quat, Vec3};
 use gpugi_scene::names::{UnknownObject, check_names, is_named_by};
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, Instance, LightKind, Scene};
 
 /// Frames that are measured while something moves, and those of them that are compared.
 pub(super) const FRAMES: u32 = 36;
@@ -16,11 +16,12 @@ pub(super) const COMPARED: [u32; 3] = [27, 31, 35];
 const RATE: f32 = 60.0;
 /// Degrees of an orbit per frame.
 const SPEED: f32 = 0.3;
-/// Seconds of a swing to and fro, and how far it goes, as a part of the scene's diagonal.
+/// Seconds of a swing to and fro, how far it goes, as a part of the scene's diagonal, and how far lights at infinity turn [rad].
 const SWING_SECONDS: f32 = 2.0;
 const SWING: f32 = 0.05;
-/// The first frame without the light that goes off: a quarter of a second before the last.
-const OFF: u32 = FRAMES - 15;
+const TURN: f32 = 0.1;
+/// The first frame without the light that goes off: 15 frames, a quarter of a second, before the last.
+const OFF: u32 = FRAMES - 16;
 
 /// What moves while live frames are measured, 60 per second.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -31,7 +32,7 @@ pub enum Moves {
     /// The scene's own animation.
     Animation,
     /// Lights and objects of these names, sideways: a swing of 2 s, a twentieth of the scene's diagonal to each side, fastest
-    /// in the last frame, where they are where they belong.
+    /// in the last frame, where they are where they belong. Lights at infinity turn by a tenth of a radian instead.
     Swing(String),
     /// Nothing, but lights and objects of these names go off a quarter of a second before the last frame.
     Off(String),
@@ -77,8 +78,23 @@ impl Moves {
             Self::Swing(names) | Self::Off(names) => {
                 let objects = scene.instances.iter().map(|object| object.name.as_str());
                 let lights = scene.lights.iter().map(|light| light.name.as_str());
-                let found = check_names(names, objects.chain(lights));
-                found.map_err(|unknown: UnknownObject| unknown.to_string())
+                let found = check_names(names, objects.clone().chain(lights.clone()));
+                found.map_err(|unknown: UnknownObject| unknown.to_string())?;
+                let shines = |object: &&Instance| {
+                    scene.materials[object.material].emissive.max_element() > 0.0
+                };
+                let emitters = scene.instances.iter().filter(shines);
+                let emitters = emitters.map(|object| object.name.as_str());
+                let is_named = |name: &str| is_named_by(name, names);
+                match self {
+                    Self::Off(_) if !emitters.chain(lights.clone()).any(is_named) => {
+                        Err("nothing of these names shines".to_owned())
+                    }
+                    Self::Swing(_) if !objects.chain(lights).any(is_named) => {
+                        Err("nothing is named".to_owned())
+                    }
+                    _ => Ok(()),
+                }
             }
         }
     }
@@ -110,9 +126,15 @@ impl Moves {
                 let phase = TAU * left / (RATE * SWING_SECONDS);
                 let across = camera.world_from_view.transform_vector3(Vec3::X);
                 let by = Mat4::from_translation(-across.normalize_or_zero() * far * phase.sin());
+                let away = camera.world_from_view.transform_vector3(Vec3::Z);
+                let turn = Quat::from_axis_angle(away.normalize_or(Vec3::Z), TURN * phase.sin());
                 let moved = moved.to_mut();
                 for light in &mut moved.lights {
                     if is_named_by(&light.name, names) {
+                        let by = match light.kind {
+                            LightKind::Directional => Mat4::from_quat(turn),
+                            _ => by,
+                        };
                         light.world_from_light = by * light.world_from_light;
                     }
                 }
@@ -164,6 +186,12 @@ mod tests {
         assert!(
             swing("spot,sphere").is_ok() && swing("spot,nothing").unwrap_err().contains("nothing")
         );
+        assert!(swing("").is_err() && Moves::Off("box".to_owned()).check(&room).is_err());
+        assert!(
+            Moves::Off("light".to_owned())
+                .check(&scene("cornell"))
+                .is_ok()
+        );
         assert!(Moves::Animation.check(&room).is_err());
         assert!(Moves::Animation.check(&scene("station")).is_ok());
     }
@@ -196,6 +224,16 @@ mod tests {
             assert!(by.abs_diff_eq(-across * far, 1e-5), "{name}: {by}");
         }
         assert_eq!(place(&first, "box"), place(&room, "box"));
+        let shapes = scene("shapes");
+        let sun = Moves::Swing("sun".to_owned());
+        let turned = sun.at((&shapes, &shapes.cameras[0]), 0.0, 0).0;
+        let direction = |scene: &Scene| {
+            let mut lights = scene.lights.iter();
+            let sun = lights.find(|light| light.kind == LightKind::Directional);
+            sun.unwrap().world_from_light.z_axis.truncate()
+        };
+        let angle = direction(&turned).angle_between(direction(&shapes));
+        assert!(angle > 0.02 && angle < TURN, "{angle}");
     }
 
     #[test]
