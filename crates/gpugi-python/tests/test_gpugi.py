@@ -343,7 +343,9 @@ def test_the_command_runs_and_raises(tmp_path: Path) -> None:
     assert "cornell" in gpugi.command("list", "scenes")
     with pytest.raises(gpugi.ArgumentError, match="--no-such"):
         gpugi.command("render", "cornell", "--no-such")
-    with pytest.raises(gpugi.Error, match="nothing.glb"):
+    with pytest.raises(gpugi.ArgumentError, match="^there is no technique"):
+        gpugi.command("render", "cornell", "--technique", "nothing", "-o", tmp_path / "picture.png")
+    with pytest.raises(gpugi.Error, match="^.*nothing.glb"):
         gpugi.command("info", tmp_path / "nothing.glb")
 
 

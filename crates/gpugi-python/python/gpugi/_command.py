@@ -21,5 +21,7 @@ def command(*words: str | os.PathLike[str]) -> str:
     run = subprocess.run(line, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False)
     if run.returncode == 0:
         return run.stdout
-    message = run.stderr.strip().removeprefix("error: ")
+    # Notes and progress may come before it.
+    begins = [place for word in ("gpugi: ", "error: ") if (place := f"\n{run.stderr}".rfind(f"\n{word}")) >= 0]
+    message = run.stderr[max(begins, default=0) :].strip().removeprefix("gpugi: ").removeprefix("error: ")
     raise ArgumentError(message) if run.returncode == 2 else Error(message or f"ended with code {run.returncode}")
