@@ -118,6 +118,33 @@ impl PathAutomaton {
     }
 }
 
+/// Whether a pattern accepts paths that were read by halves: for each state of `from_light`, which has read one end, and
+/// each state of `from_eye`, which has read the other, in this order. Both are automata of one pattern. Of a minimal
+/// automaton, the state alone decides how the path may go on (Myhill and Nerode), so any word that leads there does.
+pub(super) fn joint(from_light: &PathAutomaton, from_eye: &PathAutomaton) -> Vec<bool> {
+    let (rows, columns) = (from_light.transitions.len(), from_eye.transitions.len());
+    let mut accepts = vec![false; rows * columns];
+    for (row, &is_accepting) in from_light.accepting.iter().enumerate() {
+        accepts[row * columns] = is_accepting;
+    }
+    let mut is_reached = vec![false; columns];
+    is_reached[0] = true;
+    let mut queue = VecDeque::from([0]);
+    while let Some(state) = queue.pop_front() {
+        for (symbol, &next) in from_eye.transitions[state].iter().enumerate() {
+            let next = next as usize;
+            if !std::mem::replace(&mut is_reached[next], true) {
+                for (row, after) in from_light.transitions.iter().enumerate() {
+                    let after = after[symbol] as usize;
+                    accepts[row * columns + next] = accepts[after * columns + state];
+                }
+                queue.push_back(next);
+            }
+        }
+    }
+    accepts
+}
+
 /// A shortest path L[DGSV]*E, written from the light to the eye, for which `is_wanted` returns true. The argument of
 /// `is_wanted` tells which automata accept the path.
 pub(super) fn shortest_path(

@@ -13,7 +13,7 @@ mod tests;
 pub use automaton::PathAutomaton;
 pub use pattern::PatternError;
 
-use automaton::shortest_path;
+use automaton::{joint, shortest_path};
 use std::borrow::Cow;
 
 /// Emitters and the sky seen directly by the eye. This light belongs to the frame, whatever the techniques.
@@ -142,6 +142,12 @@ impl PathFilter {
     /// The compiled pattern, read from the light to the eye.
     pub(crate) fn light_automaton(&self) -> &PathAutomaton {
         &self.light_automaton
+    }
+
+    /// Whether the filter keeps a path of which the light's automaton has read one end, and the eye's the other: for each
+    /// state of the former, and each of the latter.
+    pub(crate) fn joint(&self) -> Vec<bool> {
+        joint(&self.light_automaton, &self.automaton)
     }
 }
 

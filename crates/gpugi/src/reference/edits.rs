@@ -105,20 +105,26 @@ impl PathTracer {
     pub(super) fn make_tiles(&mut self) -> Result<(), GpuError> {
         let gpu = &self.gpu;
         self.wavefront.resize(gpu, self.size)?;
-        if let Some(photons) = &mut self.photons {
-            photons.resize(self.size);
-        }
         // A tile's largest buffer fits a binding.
         let limits = gpu.limits();
         let features = limits.max_storage_buffer_binding_size / size_of::<Features>() as u64;
-        let most = match &self.looker {
-            Some(_) => (features.isqrt() as u32).max(8) & !7,
-            None => u32::MAX,
-        };
+        let mut pixels = u64::MAX;
+        if self.looker.is_some() {
+            pixels = features;
+        }
+        if let Some(photons) = &self.photons {
+            pixels = pixels.min(u64::from(photons.most_pixels(gpu)));
+        }
+        let most = (pixels.isqrt() as u32).max(8) & !7;
+        let side = self.tile_side.min(most);
+        if let Some(photons) = &mut self.photons {
+            let of_tile = self.size.map(|length| length.min(side));
+            photons.resize(gpu, self.size, of_tile[0] * of_tile[1])?;
+        }
         self.tiles = tiles(
             gpu,
             self.size,
-            self.tile_side.min(most),
+            side,
             (&self.wavefront, self.photons.as_ref(), self.looker.as_ref()),
             &self.parameters,
             (&self.noise_kernel, &self.shown_kernel),

@@ -176,11 +176,13 @@ pub struct PathTracer {
 pub fn left_out(scene: &Scene, settings: &Settings) -> Vec<String> {
     let counts = |classes: Vec<LightClass>| classes.contains(&LightClass::Punctual);
     let has_punctual = !scene.lights.is_empty() && settings.classes().is_ok_and(counts);
+    let is_merging = settings.merge_radius > 0.0;
     match (
         has_punctual && has_smooth_objects(scene),
         scene.media.is_empty(),
     ) {
         (false, _) => Vec::new(),
+        (true, true) if is_merging => Vec::new(),
         (true, true) => vec![
             "caustics of points, spots and directions where mirrors and glass show them".into(),
         ],
@@ -267,8 +269,15 @@ impl PathTracer {
             "path-tracer.settings",
             std::mem::size_of::<Parameters>() as u64,
         )?;
+        let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
+        let mut buffers = vec![
+            ("seen", &view),
+            ("settings", &parameters),
+            ("automaton", &automaton),
+        ];
+        let merged = (&filter, settings.merge_radius as f32);
         let photons = (lit.aims.as_ref())
-            .map(|aims| Photons::new(gpu, &on_gpu, aims, &filter, &constants, &view))
+            .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
         constants.push(on_gpu.media_constant());
@@ -279,12 +288,6 @@ impl PathTracer {
         let of_film = |shader| Kernel::with_options(gpu, &shader, "main", None, &of_film);
         let noise_kernel = of_film(shader!("reference.noise"))?;
         let shown_kernel = of_film(shader!("reference.shown"))?;
-        let automaton = gpu.storage("path-tracer.automaton", &filter.automaton().words())?;
-        let mut buffers = vec![
-            ("seen", &view),
-            ("settings", &parameters),
-            ("automaton", &automaton),
-        ];
         buffers.extend(lights.named());
         let wavefront = Wavefront::new(gpu, &on_gpu, &constants, &buffers)?;
         let mut tracer = Self {
@@ -629,8 +632,7 @@ impl PathTracer {
         let tile = &self.tiles[self.pass.tile];
         let work = match (&self.photons, &tile.photons) {
             (Some(photons), Some(film)) if self.pass.block == tile.blocks() => {
-                let first = photons.of_pass(1) * u64::from(self.samples);
-                let place = (first, self.pass.photons, self.pass.samples);
+                let place = (self.samples, self.pass.photons, self.pass.samples);
                 let film_of_tile = (tile, film);
                 let (gpu, scene, settings) = (&self.gpu, &self.scene, &self.settings);
                 let count = photons.begin(gpu, scene, film_of_tile, settings, place, rays)?;

@@ -14,6 +14,8 @@ crate::settings! {
         pub paths: String = "L.*E".to_owned() => any(),
         /// Light classes, separated by commas: punctual, area, environment.
         pub lights: String = "punctual,area,environment".to_owned() => any(),
+        /// Radius within which photons light what mirrors and glass show, in pixels; it shrinks from sample to sample. 0: caustics of points, spots and directions are missing there.
+        pub merge_radius: f64 = 2.0 => in_range(0.0, 64.0),
         /// Stop when the estimated relative mean squared error falls to this value; 0 never.
         pub noise: f64 = 0.0 => in_range(0.0, 1e6),
     }

@@ -1,13 +1,15 @@
 //! The light tracer adds to the path tracer's picture the caustics that no path from the eye finds, or finds only by
 //! chance: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of the lamps that `mark_lamps` chooses.
 //! Photons leave the lights toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy
-//! lobe that they meet.
+//! lobe that they meet. Where mirrors or glass show such lobes to the eye, they are merged with what it sees there
+//! (`merging`): paths `LS.*[DG].*SE` of points, spots and directions.
 //!
 //! The path tracer leaves exactly these paths out, so each path is found once.
 
 mod aims;
 #[cfg(test)]
 mod aims_tests;
+mod merging;
 #[cfg(test)]
 mod tests;
 
@@ -18,13 +20,16 @@ use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
+use crate::paths::lights::TRIANGLE;
 use crate::scene::GpuScene;
 use crate::shader;
 pub(super) use aims::{Aims, Measured, mark_lamps, spheres};
+use merging::Merging;
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
-pub(super) const FOUND: [LightPaths; 2] = [
+pub(super) const FOUND: [LightPaths; 3] = [
     LightPaths::new(LightClass::Punctual, "LS.*[DG]E"),
+    LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE"),
     LightPaths::new(LightClass::Area, "LS.*DE"),
 ];
 
@@ -60,6 +65,10 @@ struct Emission {
     max_bounces: u32,
     roulette_after: u32,
     scale: f32,
+    done_of_round: u32,
+    per_sample: u32,
+    first_joint: u32,
+    eye_states: u32,
 }
 
 /// `Settings` of reference/photons/resolve.wesl.
@@ -80,7 +89,14 @@ pub(super) struct Photons {
     emission: wgpu::Buffer,
     resolution: wgpu::Buffer,
     own: wgpu::BindGroup,
+    rows: wgpu::Buffer,
+    aims: wgpu::Buffer,
+    /// `rows` and `aims`, and the points of `merging`.
     lights: wgpu::BindGroup,
+    /// What mirrors and glass show, if photons are merged with it.
+    merging: Option<Merging>,
+    /// `first_joint` and `eye_states` of photons/emission.wesl.
+    joint: [u32; 2],
     resolve_own: wgpu::BindGroup,
     light_count: u32,
     sphere_count: u32,
@@ -126,18 +142,28 @@ pub(super) fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<L
 }
 
 impl Photons {
-    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `seen`: what the camera sees.
+    /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `of_eye`: `seen`, `settings` and
+    /// `automaton` of the paths from the eye. `radius`: within which photons are merged at first (pixels); 0: not at all.
     /// [`Photons::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
         on_gpu: &GpuScene,
         aims: &Aims,
-        filter: &PathFilter,
+        (filter, radius): (&PathFilter, f32),
         constants: &[(&str, f64)],
-        seen: &wgpu::Buffer,
+        of_eye: &Named<'_>,
     ) -> Result<Self, GpuError> {
+        let merging = (radius > 0.0 && has_punctual(aims))
+            .then(|| Merging::new(gpu, on_gpu, constants, of_eye, radius))
+            .transpose()?;
+        let is_merging = f64::from(u8::from(merging.is_some()));
+        let of_trace: Vec<_> = constants
+            .iter()
+            .copied()
+            .chain([("HAS_MERGING", is_merging)])
+            .collect();
         let options = KernelOptions {
-            constants,
+            constants: &of_trace,
             // Indices are in range: those of tables because the host wrote them, those of sums because `splat` compares
             // the pixel with the tile, which has as many sums.
             unchecked: true,
@@ -149,16 +175,25 @@ impl Photons {
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let emission = uniform("photons.settings", std::mem::size_of::<Emission>() as u64)?;
         let resolution = uniform("photons.pass", std::mem::size_of::<Resolution>() as u64)?;
-        let automaton = gpu.storage("photons.automaton", &filter.light_automaton().words())?;
-        let own: &Named<'_> = &[
-            ("seen", seen),
-            ("settings", &emission),
-            ("automaton", &automaton),
+        let mut words = filter.light_automaton().words();
+        let joint = [
+            words.len() as u32,
+            filter.automaton().transitions.len() as u32,
         ];
+        words.extend(filter.joint().into_iter().map(u32::from));
+        let automaton = gpu.storage("photons.automaton", &words)?;
+        let seen = of_eye.iter().filter(|(name, _)| *name == "seen").copied();
+        let of_trace = [("settings", &emission), ("automaton", &automaton)];
+        let own: Vec<_> = seen.chain(of_trace).collect();
+        let [rows, words] = of_lights(gpu, aims)?;
         let of_resolve: &Named<'_> = &[("settings", &resolution)];
         Ok(Self {
-            own: bind(gpu, &trace, 1, own)?,
-            lights: of_lights(gpu, &trace, aims)?,
+            own: bind(gpu, &trace, 1, &own)?,
+            lights: bind_lights(gpu, &trace, (&rows, &words), merging.as_ref())?,
+            rows,
+            aims: words,
+            merging,
+            joint,
             resolve_own: bind(gpu, &resolve, 1, of_resolve)?,
             trace,
             resolve,
@@ -194,7 +229,8 @@ impl Photons {
     ) -> Result<(), GpuError> {
         self.is_lit = aims.is_some();
         if let Some(aims) = aims {
-            self.lights = of_lights(gpu, &self.trace, aims)?;
+            [self.rows, self.aims] = of_lights(gpu, aims)?;
+            self.bind_lights(gpu)?;
             (self.light_count, self.sphere_count) = (aims.rows.len() as u32, aims.spheres);
             if !sums_go_on {
                 self.step = step(aims);
@@ -203,10 +239,27 @@ impl Photons {
         Ok(())
     }
 
-    /// Sends as many photons as images of `size` pixels need.
-    pub fn resize(&mut self, size: [u32; 2]) {
+    /// Sends as many photons as images of `size` pixels need, which have tiles of up to `tile_pixels` pixels.
+    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2], tile_pixels: u32) -> Result<(), GpuError> {
         let pixels = f64::from(size[0]) * f64::from(size[1]);
         self.per_sample = (pixels * PHOTONS_PER_SAMPLE).ceil() as u64;
+        if let Some(merging) = &mut self.merging {
+            merging.resize(gpu, tile_pixels)?;
+            self.bind_lights(gpu)?;
+        }
+        Ok(())
+    }
+
+    fn bind_lights(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
+        let buffers = (&self.rows, &self.aims);
+        self.lights = bind_lights(gpu, &self.trace, buffers, self.merging.as_ref())?;
+        Ok(())
+    }
+
+    /// Most pixels of a tile.
+    pub fn most_pixels(&self, gpu: &Gpu) -> u32 {
+        let merging = self.merging.as_ref();
+        merging.map_or(u32::MAX, |merging| merging.most_pixels(gpu))
     }
 
     /// The light tracer's film of a tile of `pixels` pixels.
@@ -234,21 +287,32 @@ impl Photons {
 
     /// Continues a tile's pass after `done` photons, by as many as should take half of
     /// [`BATCH_SECONDS`], because they are one dispatch, and trace no more than about `rays` rays; returns their number.
-    /// `first` is the number of the pass's first photon, `samples` the pass's number of samples per pixel. The last
-    /// batch adds the pass to the tile's film.
+    /// `first_sample` and `samples` are those of the pass. The last batch adds the pass to the tile's film.
     pub fn begin(
         &self,
         gpu: &Gpu,
         scene: &GpuScene,
         (tile, film): (&Tile, &PhotonFilm),
         settings: &Settings,
-        (first, done, samples): (u64, u64, u32),
+        (first_sample, done, samples): (u32, u64, u32),
         rays: u64,
     ) -> Result<u64, GpuError> {
         let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
         let left = self.of_pass(samples) - done;
+        let of_round = match &self.merging {
+            Some(merging) => self.of_pass(merging.samples_of_round(tile)),
+            None => u64::MAX,
+        };
+        let done_of_round = done % of_round;
+        if let Some(merging) = self.merging.as_ref().filter(|_| done_of_round == 0) {
+            let before = (done / self.per_sample) as u32;
+            let of_round = merging.samples_of_round(tile).min(samples - before);
+            merging.begin(gpu, scene, tile, first_sample + before, of_round)?;
+        }
+        let first = self.of_pass(1) * u64::from(first_sample);
         let photons = affordable.max(FIRST_BATCH).min(self.largest_batch);
         let photons = photons.min((rays / RAYS_OF_PHOTON).max(1)).min(left);
+        let photons = photons.min(of_round - done_of_round);
         let emission = Emission {
             tile_x: tile.origin[0],
             tile_y: tile.origin[1],
@@ -262,6 +326,10 @@ impl Photons {
             max_bounces: settings.max_bounces,
             roulette_after: settings.roulette_after,
             scale: 1.0 / (self.per_sample as f32 * self.step),
+            done_of_round: done_of_round as u32,
+            per_sample: self.per_sample as u32,
+            first_joint: self.joint[0],
+            eye_states: self.joint[1],
         };
         gpu.write(&self.emission, 0, std::slice::from_ref(&emission));
         let mut frame = Frame::new(gpu, false);
@@ -322,10 +390,27 @@ fn step(aims: &Aims) -> f32 {
 }
 
 /// The lights that send photons, and where to.
-fn of_lights(gpu: &Gpu, trace: &Kernel, aims: &Aims) -> Result<wgpu::BindGroup, GpuError> {
+fn of_lights(gpu: &Gpu, aims: &Aims) -> Result<[wgpu::Buffer; 2], GpuError> {
     let rows = gpu.storage("photons.lights [bytes]", &aims.rows)?;
-    let words = gpu.storage("photons.aims [bytes]", &aims.words)?;
-    bind(gpu, trace, 2, &[("lights", &rows), ("aims", &words)])
+    Ok([rows, gpu.storage("photons.aims [bytes]", &aims.words)?])
+}
+
+/// Binds them, and the points with which photons are merged.
+fn bind_lights(
+    gpu: &Gpu,
+    trace: &Kernel,
+    (rows, aims): (&wgpu::Buffer, &wgpu::Buffer),
+    merging: Option<&Merging>,
+) -> Result<wgpu::BindGroup, GpuError> {
+    // Without points, any buffer will do.
+    let shown = merging.map_or(aims, |merging| &merging.points);
+    let buffers: &Named<'_> = &[("lights", rows), ("aims", aims), ("shown", shown)];
+    bind(gpu, trace, 2, buffers)
+}
+
+/// Whether any light that sends photons has no extent.
+fn has_punctual(aims: &Aims) -> bool {
+    aims.rows.iter().any(|row| row.kind != TRIANGLE)
 }
 
 fn bind(

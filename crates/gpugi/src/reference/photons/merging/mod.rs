@@ -1,0 +1,191 @@
+//! What mirrors and glass show of caustics of lights without extent, and of the light that these throw on: paths
+//! `LS.*[DG].*SE`. Rays from the eye never find the light there, and photons never the eye. So the eye is followed through
+//! mirrors and glass to a point of a surface, and photons that land within a disc around the point light it: stochastic
+//! progressive photon mapping (Hachisuka and Jensen 2009), in the form of Knaus and Zwicker, "Progressive photon mapping:
+//! a probabilistic approach" (2011), whose discs shrink from sample to sample without statistics.
+//!
+//! A picture is blurred by the discs, so its error is no noise alone: the picture is consistent, but not unbiased.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Tile, bind};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
+use crate::reference::wavefront::Named;
+use crate::scene::GpuScene;
+use crate::shader;
+
+/// Sizes in photons/merging/points.wesl (bytes): of `Round`, the coarse grid and a row.
+const HEADER_BYTES: u64 = size_of::<Round>() as u64;
+const COARSE_BYTES: u64 = 4 << 15;
+const ROW_BYTES: u64 = 16;
+/// Most bytes of the points of a tile.
+const MOST_BYTES: u64 = 1 << 27;
+/// Points of small tiles: several samples of their pixels share a round, whose passes would leave GPUs idle otherwise.
+const POINTS: u32 = 1 << 20;
+const POINTS_IN_SOFTWARE: u32 = 1 << 14;
+/// The largest radius, in diagonals of the scene.
+const LARGEST: f32 = 0.005;
+/// A cell of the highest level over one of the lowest: `LEVELS` of points.wesl.
+const CELL_RATIO: f32 = (1_u32 << 15) as f32;
+/// Samples over which the area of discs falls by a third at first. Then it falls as 1 / samples^(1/3), so that the bias and
+/// the noise fall at the same pace (Knaus and Zwicker, section 4, alpha = 2/3).
+const SAMPLES_OF_FIRST: f32 = 16.0;
+
+/// `Round` of photons/merging/points.wesl.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+struct Round {
+    coarse: f32,
+    head_mask: u32,
+    pixels: u32,
+    points: u32,
+    first_sample: u32,
+    radius: f32,
+    most: f32,
+    cell: f32,
+}
+
+/// The points that mirrors and glass show of a scene.
+#[derive(Debug)]
+pub(super) struct Merging {
+    follow: Kernel,
+    link: Kernel,
+    of_eye: wgpu::BindGroup,
+    of_follow: wgpu::BindGroup,
+    of_link: wgpu::BindGroup,
+    /// `shown`: a round, the coarse grid, heads, points.
+    pub points: wgpu::Buffer,
+    rows_of_point: u64,
+    /// Points for which there is room, and heads.
+    capacity: u32,
+    heads: u32,
+    /// Radius of the first discs (pixels).
+    radius: f32,
+}
+
+impl Merging {
+    /// `constants` are those of path_state.wesl and bvh.wesl; `buffers`: `seen`, `settings` and `automaton` of the paths from
+    /// the eye. `radius`: of the first discs (pixels). [`Merging::resize`] has to follow.
+    pub fn new(
+        gpu: &Gpu,
+        on_gpu: &GpuScene,
+        constants: &[(&str, f64)],
+        buffers: &Named<'_>,
+        radius: f32,
+    ) -> Result<Self, GpuError> {
+        let has_transmission = |(name, _): &&(&str, f64)| *name == "HAS_TRANSMISSION";
+        let of_link: Vec<_> = constants.iter().filter(has_transmission).copied().collect();
+        let rows_of_point = match of_link.iter().any(|(_, value)| *value != 0.0) {
+            true => 5,
+            false => 4,
+        };
+        // Indices are in range: those of the scene's tables because the host wrote them, those of points because there are
+        // as many as the host made room for.
+        let unchecked = true;
+        let options = |constants| KernelOptions {
+            constants,
+            unchecked,
+        };
+        let layout = Some(&on_gpu.ray_layout);
+        let of_follow: Vec<_> = constants
+            .iter()
+            .filter(|(name, _)| *name != "HAS_STRAIGHT")
+            .copied()
+            .collect();
+        let follow = shader!("reference.photons.merging.follow");
+        let follow = Kernel::with_options(gpu, &follow, "main", layout, &options(&of_follow))?;
+        let link = shader!("reference.photons.merging.link");
+        let link = Kernel::with_options(gpu, &link, "main", None, &options(&of_link))?;
+        let points = buffer(gpu, rows_of_point, [1, 4])?;
+        Ok(Self {
+            of_eye: bind(gpu, &follow, 1, buffers)?,
+            of_follow: bind(gpu, &follow, 2, &[("shown", &points)])?,
+            of_link: bind(gpu, &link, 2, &[("words", &points)])?,
+            follow,
+            link,
+            points,
+            rows_of_point,
+            capacity: 0,
+            heads: 4,
+            radius,
+        })
+    }
+
+    /// Pixels of a tile whose points have room.
+    pub fn most_pixels(&self, gpu: &Gpu) -> u32 {
+        let bytes = gpu.limits().max_storage_buffer_binding_size.min(MOST_BYTES);
+        // A head of four bytes, or two, per point.
+        let of_points = bytes - HEADER_BYTES - COARSE_BYTES;
+        (of_points / (self.rows_of_point * ROW_BYTES + 8)) as u32
+    }
+
+    /// Makes room for tiles of `pixels` pixels.
+    pub fn resize(&mut self, gpu: &Gpu, pixels: u32) -> Result<(), GpuError> {
+        let least = match gpu.adapter.device_type {
+            wgpu::DeviceType::Cpu => POINTS_IN_SOFTWARE,
+            _ => POINTS,
+        };
+        let capacity = pixels.max(least).min(self.most_pixels(gpu));
+        let heads = capacity.next_power_of_two().max(4);
+        if capacity != self.capacity {
+            self.points = buffer(gpu, self.rows_of_point, [capacity, heads])?;
+            let (follow, link) = (&self.follow, &self.link);
+            self.of_follow = bind(gpu, follow, 2, &[("shown", &self.points)])?;
+            self.of_link = bind(gpu, link, 2, &[("words", &self.points)])?;
+            (self.capacity, self.heads) = (capacity, heads);
+        }
+        Ok(())
+    }
+
+    /// Samples per pixel of a round of a tile.
+    pub fn samples_of_round(&self, tile: &Tile) -> u32 {
+        (self.capacity / tile.pixels()).max(1)
+    }
+
+    /// Finds the points of `samples` samples of a tile's pixels, from `first_sample` on.
+    pub fn begin(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        tile: &Tile,
+        first_sample: u32,
+        samples: u32,
+    ) -> Result<(), GpuError> {
+        let most = LARGEST * scene.diagonal();
+        let shrunk = (1.0 + first_sample as f32 / SAMPLES_OF_FIRST).powf(-1.0 / 6.0);
+        let round = Round {
+            coarse: 4.0 * most,
+            head_mask: self.heads - 1,
+            pixels: tile.pixels(),
+            points: tile.pixels() * samples,
+            first_sample,
+            radius: self.radius * shrunk,
+            most,
+            cell: 2.0 * most / CELL_RATIO,
+        };
+        gpu.write(&self.points, 0, std::slice::from_ref(&round));
+        let mut frame = Frame::new(gpu, false);
+        let grids = COARSE_BYTES + u64::from(self.heads) * 4;
+        frame.clear_range(&self.points, HEADER_BYTES..HEADER_BYTES + grids);
+        frame.compute("photons.follow", |pass| {
+            let groups = [
+                (0, &scene.ray_bind_group),
+                (1, &self.of_eye),
+                (2, &self.of_follow),
+            ];
+            self.follow.dispatch(pass, &groups, [round.points, 1, 1]);
+        });
+        frame.compute("photons.link", |pass| {
+            self.link.dispatch(pass, &[(2, &self.of_link)], [round.points, 1, 1]);
+        });
+        frame.submit()?;
+        Ok(())
+    }
+}
+
+/// Room for a round, the coarse grid, heads and points.
+fn buffer(gpu: &Gpu, rows_of_point: u64, [points, heads]: [u32; 2]) -> Result<wgpu::Buffer, GpuError> {
+    let of_points = u64::from(points) * rows_of_point * ROW_BYTES;
+    let bytes = HEADER_BYTES + COARSE_BYTES + u64::from(heads) * 4 + of_points;
+    gpu.buffer("photons.points [bytes]", bytes, wgpu::BufferUsages::STORAGE)
+}
