@@ -108,18 +108,14 @@ impl PathTracer {
         // A tile's largest buffer fits a binding.
         let limits = gpu.limits();
         let features = limits.max_storage_buffer_binding_size / size_of::<Features>() as u64;
-        let mut pixels = u64::MAX;
-        if self.looker.is_some() {
-            pixels = features;
-        }
-        if let Some(photons) = &self.photons {
-            pixels = pixels.min(u64::from(photons.most_pixels(gpu)));
-        }
-        let most = (pixels.isqrt() as u32).max(8) & !7;
+        let most = match &self.looker {
+            Some(_) => (features.isqrt() as u32).max(8) & !7,
+            None => u32::MAX,
+        };
         let side = self.tile_side.min(most);
         if let Some(photons) = &mut self.photons {
             let of_tile = self.size.map(|length| length.min(side));
-            photons.resize(gpu, self.size, of_tile[0] * of_tile[1])?;
+            photons.resize(gpu, self.size, of_tile)?;
         }
         self.tiles = tiles(
             gpu,
@@ -134,7 +130,11 @@ impl PathTracer {
 
     /// Forgets the samples so far.
     pub(super) fn forget(&mut self) {
-        (self.samples, self.moments) = (0, 0);
+        (self.samples, self.balanced, self.moments) = (0, 0, 0);
+        self.photon_count = 0;
+        if let Some(photons) = &mut self.photons {
+            photons.begin_anew();
+        }
         self.pass = Pass::default();
         (self.batch, self.sums, self.noise) = (None, None, None);
     }

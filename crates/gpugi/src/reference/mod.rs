@@ -49,7 +49,7 @@ use crate::techniques::{Cost, Info, Needs, Role};
 use features::Looker;
 use lit::Lit;
 use photons::Photons;
-use picture::Sums;
+use picture::{Noise, Sums};
 use tile::{BLOCK_PIXELS, Tile, tiles};
 use wavefront::Wavefront;
 
@@ -152,6 +152,10 @@ pub struct PathTracer {
     /// Materials of the solids that contain the eye, innermost first.
     around_eye: [u32; 4],
     samples: u32,
+    /// Photons of the image so far.
+    photon_count: u64,
+    /// Samples of which the noise of both tracers decided last how many photons there are.
+    balanced: u32,
     pass: Pass,
     /// What moves while the shutter is open.
     motion: Option<Motion>,
@@ -166,7 +170,7 @@ pub struct PathTracer {
     /// The noise of an image of so many samples, on its way to the host.
     sums: Option<(u32, Sums)>,
     /// The noise that was measured last, of so many samples.
-    noise: Option<(u32, f64)>,
+    noise: Option<(u32, Noise)>,
     seed: u32,
     /// Pixel samples per second that the latest batches reached; 0 before the first batch.
     rate: f64,
@@ -313,6 +317,8 @@ impl PathTracer {
                 | u32::from(classes.contains(&LightClass::Environment)) << 1,
             around_eye: surroundings::around(&[], Vec3::ZERO),
             samples: 0,
+            photon_count: 0,
+            balanced: 0,
             pass: Pass::default(),
             motion: None,
             is_later: false,
@@ -407,6 +413,10 @@ impl PathTracer {
             noise: None,
         };
         while self.samples < samples {
+            if self.awaits_balance() {
+                let noise = self.begin_sums()?.wait()?;
+                self.balance(&noise);
+            }
             self.begin_pass(camera, samples)?;
             while self.pass.tile < self.tiles.len() {
                 if self.batch.is_none() {
@@ -453,19 +463,23 @@ impl PathTracer {
         }
         if let Some((samples, sums)) = &self.sums {
             if let Some(sums) = sums.get() {
-                self.noise = Some((*samples, self.noise_of(&sums?)));
+                self.noise = Some((*samples, sums?));
                 self.sums = None;
             }
         } else if self.pass.samples == 0 && self.noise.map_or(0, |(of, _)| of) < self.samples {
             self.sums = Some((self.samples, self.begin_sums()?));
         }
-        let noise = self.noise.map(|(_, noise)| noise);
+        let of_samples = self.noise.filter(|(of, _)| *of == self.samples);
+        if let Some((_, noise)) = of_samples.filter(|_| self.awaits_balance()) {
+            self.balance(&noise);
+        }
+        let noise = self.noise.map(|(_, noise)| noise.variance / self.pixels());
         let limit = self.settings.noise;
         let is_enough = limit > 0.0
             && self.samples >= self.least_samples(camera)
             && noise.is_some_and(|noise| noise <= limit);
         let is_done = self.samples >= samples || is_enough;
-        if is_free && !is_done && !self.gpu.is_compiling() {
+        if is_free && !is_done && !self.gpu.is_compiling() && !self.awaits_balance() {
             self.begin_pass(camera, samples)?;
             self.begin_batch(rays)?;
         }
@@ -592,7 +606,23 @@ impl PathTracer {
         }
     }
 
+    /// Whether the next pass has to wait until it is known how noisy the samples so far are.
+    fn awaits_balance(&self) -> bool {
+        let is_due = self.samples >= (4 * self.balanced).max(LEAST_SAMPLES);
+        self.photons.is_some() && self.pass.samples == 0 && is_due
+    }
+
+    /// Sends as many photons from now on as suit the noise of both tracers.
+    fn balance(&mut self, noise: &Noise) {
+        if let Some(photons) = &mut self.photons {
+            photons.balance(noise.variance - noise.of_photons, noise.of_photons);
+        }
+        self.balanced = self.samples;
+    }
+
     fn end_pass(&mut self) {
+        let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
+        self.photon_count += self.photons.as_ref().map_or(0, of_pass);
         self.samples += self.pass.samples;
         self.pass = Pass::default();
     }
@@ -632,7 +662,8 @@ impl PathTracer {
         let tile = &self.tiles[self.pass.tile];
         let work = match (&self.photons, &tile.photons) {
             (Some(photons), Some(film)) if self.pass.block == tile.blocks() => {
-                let place = (self.samples, self.pass.photons, self.pass.samples);
+                let samples = [self.samples, self.pass.samples];
+                let place = (self.photon_count, self.pass.photons, samples);
                 let film_of_tile = (tile, film);
                 let (gpu, scene, settings) = (&self.gpu, &self.scene, &self.settings);
                 let count = photons.begin(gpu, scene, film_of_tile, settings, place, rays)?;

@@ -43,28 +43,39 @@ struct PhotonPixel {
 
 /// Sums of reference/noise.wesl over all tiles, on their way to the host.
 #[derive(Debug)]
-pub(super) struct Sums(Vec<ReadBack<Vec<[u32; 3]>>>);
+pub(super) struct Sums(Vec<ReadBack<Vec<[u32; 4]>>>);
+
+/// What [`Sums`] hold, of all pixels.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Noise {
+    /// Sum of the relative variances of both tracers, and of the light tracer alone.
+    pub variance: f64,
+    pub of_photons: f64,
+    segments: u64,
+}
 
 impl Sums {
-    /// Relative variances and segments, once they have arrived.
-    pub fn get(&self) -> Option<Result<Vec<(f32, u64)>, GpuError>> {
+    /// The sums, once they have arrived.
+    pub fn get(&self) -> Option<Result<Noise, GpuError>> {
         let of_tiles: Option<Vec<_>> = self.0.iter().map(ReadBack::get).collect();
         let of_tiles: Result<Vec<_>, _> = of_tiles?.into_iter().collect();
-        Some(of_tiles.map(|tiles| decoded(tiles.into_iter())))
+        Some(of_tiles.map(|tiles| summed(tiles.into_iter())))
     }
 
-    fn wait(&self) -> Result<Vec<(f32, u64)>, GpuError> {
+    pub fn wait(&self) -> Result<Noise, GpuError> {
         let of_tiles: Result<Vec<_>, _> = self.0.iter().map(ReadBack::wait).collect();
-        Ok(decoded(of_tiles?.into_iter()))
+        Ok(summed(of_tiles?.into_iter()))
     }
 }
 
-fn decoded(tiles: impl Iterator<Item = Vec<[u32; 3]>>) -> Vec<(f32, u64)> {
-    let sums = tiles.flatten().map(|[variance, low, high]| {
-        let segments = u64::from(low) + (u64::from(high) << 16);
-        (f32::from_bits(variance), segments)
-    });
-    sums.collect()
+fn summed(tiles: impl Iterator<Item = Vec<[u32; 4]>>) -> Noise {
+    let mut noise = Noise::default();
+    for [variance, of_photons, low, high] in tiles.flatten() {
+        noise.variance += f64::from(f32::from_bits(variance));
+        noise.of_photons += f64::from(f32::from_bits(of_photons));
+        noise.segments += u64::from(low) + (u64::from(high) << 16);
+    }
+    noise
 }
 
 impl PathTracer {
@@ -75,11 +86,7 @@ impl PathTracer {
     /// # Errors
     /// [`LightingError::Gpu`].
     pub fn noise(&self) -> Result<f64, LightingError> {
-        Ok(self.noise_of(&self.begin_sums()?.wait()?))
-    }
-
-    pub(super) fn noise_of(&self, sums: &[(f32, u64)]) -> f64 {
-        sums.iter().map(|sum| f64::from(sum.0)).sum::<f64>() / self.pixels()
+        Ok(self.begin_sums()?.wait()?.variance / self.pixels())
     }
 
     /// Path segments (closest-hit rays) followed so far. Each pixel counts up to 2^32.
@@ -87,7 +94,7 @@ impl PathTracer {
     /// # Errors
     /// [`LightingError::Gpu`].
     pub fn segments(&self) -> Result<u64, LightingError> {
-        Ok(self.begin_sums()?.wait()?.iter().map(|sum| sum.1).sum())
+        Ok(self.begin_sums()?.wait()?.segments)
     }
 
     /// Sums of relative variances and of segments, one per workgroup of reference/noise.wesl.

@@ -46,7 +46,7 @@ impl Tile {
 
 /// Bytes of the sums of reference/noise.wesl over a tile of `pixels` pixels.
 pub(super) fn sums_bytes(pixels: u32) -> u64 {
-    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 12
+    u64::from(pixels.div_ceil(NOISE_PIXELS)) * 16
 }
 
 /// Creates the films that cover the whole image.

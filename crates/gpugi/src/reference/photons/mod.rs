@@ -39,9 +39,13 @@ pub(super) const BYTES: u64 = SUMS_BYTES + PIXEL_BYTES;
 const SUMS_BYTES: u64 = 32;
 /// Size of `PhotonPixel` in photons/film.wesl (bytes).
 const PIXEL_BYTES: u64 = 32;
-/// Photons per pixel and sample. They are much less noisy than paths: in `room` and `glass-room`, half as many keep their
-/// noise below that of the rest of the picture, or near it.
-const PHOTONS_PER_SAMPLE: f64 = 0.5;
+/// Photons per pixel and sample, until it is known how noisy they are beside paths: as many as suit `room` and
+/// `glass-room`. Then no fewer and no more than these.
+const PHOTONS_PER_SAMPLE: f64 = 0.125;
+const LEAST_PER_SAMPLE: f64 = 1.0 / 64.0;
+const MOST_PER_SAMPLE: f64 = 2.0;
+/// Time of a path, light and all, over that of a photon: 0.2 in `room` on an H200, 0.6 in software.
+const PATH_OVER_PHOTON: f64 = 0.3;
 /// Photons of the first batch.
 const FIRST_BATCH: u64 = 1 << 12;
 /// Rays that a photon takes, about.
@@ -76,7 +80,7 @@ struct Emission {
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Resolution {
     pixels: u32,
-    samples: f32,
+    weight: f32,
     step: f32,
     padding: u32,
 }
@@ -104,8 +108,10 @@ pub(super) struct Photons {
     is_lit: bool,
     /// Whether `trace` knows of the lens.
     has_lens: bool,
-    /// Photons of the image per sample of its pixels, if any light sends some.
-    per_sample: u64,
+    /// Pixels of the image.
+    pixels: f64,
+    /// Photons per pixel and sample from now on, if any light sends some.
+    share: f64,
     /// Radiance of one step of a sum [W/sr/m^2].
     step: f32,
     /// Photons per second that the latest batches reached; 0 before the first batch.
@@ -203,7 +209,8 @@ impl Photons {
             sphere_count: aims.spheres,
             is_lit: true,
             has_lens: false,
-            per_sample: 0,
+            pixels: 0.0,
+            share: PHOTONS_PER_SAMPLE,
             step: step(aims),
             rate: 0.0,
             largest_batch: LARGEST_BATCH,
@@ -239,27 +246,43 @@ impl Photons {
         Ok(())
     }
 
-    /// Sends as many photons as images of `size` pixels need, which have tiles of up to `tile_pixels` pixels.
-    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2], tile_pixels: u32) -> Result<(), GpuError> {
-        let pixels = f64::from(size[0]) * f64::from(size[1]);
-        self.per_sample = (pixels * PHOTONS_PER_SAMPLE).ceil() as u64;
+    /// Sends as many photons as images of `size` pixels need, whose tiles have up to `of_tile` pixels.
+    pub fn resize(
+        &mut self,
+        gpu: &Gpu,
+        size: [u32; 2],
+        of_tile: [u32; 2],
+    ) -> Result<(), GpuError> {
+        self.pixels = f64::from(size[0]) * f64::from(size[1]);
         if let Some(merging) = &mut self.merging {
-            merging.resize(gpu, tile_pixels)?;
+            merging.resize(gpu, of_tile)?;
             self.bind_lights(gpu)?;
         }
         Ok(())
+    }
+
+    /// Another picture begins.
+    pub fn begin_anew(&mut self) {
+        self.share = PHOTONS_PER_SAMPLE;
+    }
+
+    /// Sends as many photons from now on as lower the noise most in the same time, if `of_paths` and `of_photons` are the
+    /// variances so far, and photons were as many as now. With N paths of variance V and cost c each, and n photons of
+    /// variance v and cost k, V / N + v / n is least for n / N = sqrt(v c / (V k)). It is rounded to a power of two, so that
+    /// adapters whose rounding differs send the same photons.
+    pub fn balance(&mut self, of_paths: f64, of_photons: f64) {
+        let share = (self.share * of_photons * PATH_OVER_PHOTON / of_paths).sqrt();
+        let share = match share.is_nan() {
+            true => self.share,
+            false => share.clamp(LEAST_PER_SAMPLE, MOST_PER_SAMPLE),
+        };
+        self.share = share.log2().round().exp2();
     }
 
     fn bind_lights(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
         let buffers = (&self.rows, &self.aims);
         self.lights = bind_lights(gpu, &self.trace, buffers, self.merging.as_ref())?;
         Ok(())
-    }
-
-    /// Most pixels of a tile.
-    pub fn most_pixels(&self, gpu: &Gpu) -> u32 {
-        let merging = self.merging.as_ref();
-        merging.map_or(u32::MAX, |merging| merging.most_pixels(gpu))
     }
 
     /// The light tracer's film of a tile of `pixels` pixels.
@@ -282,19 +305,24 @@ impl Photons {
 
     /// Photons of a pass of `samples` samples per pixel.
     pub fn of_pass(&self, samples: u32) -> u64 {
-        u64::from(self.is_lit) * self.per_sample * u64::from(samples)
+        u64::from(self.is_lit) * self.per_sample() * u64::from(samples)
+    }
+
+    /// Photons per sample of all pixels.
+    fn per_sample(&self) -> u64 {
+        (self.pixels * self.share).ceil() as u64
     }
 
     /// Continues a tile's pass after `done` photons, by as many as should take half of
     /// [`BATCH_SECONDS`], because they are one dispatch, and trace no more than about `rays` rays; returns their number.
-    /// `first_sample` and `samples` are those of the pass. The last batch adds the pass to the tile's film.
+    /// `first` is the number of the pass's first photon, `first_sample` and `samples` those of the pass. The last batch adds the pass to the tile's film.
     pub fn begin(
         &self,
         gpu: &Gpu,
         scene: &GpuScene,
         (tile, film): (&Tile, &PhotonFilm),
         settings: &Settings,
-        (first_sample, done, samples): (u32, u64, u32),
+        (first, done, [first_sample, samples]): (u64, u64, [u32; 2]),
         rays: u64,
     ) -> Result<u64, GpuError> {
         let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
@@ -305,11 +333,10 @@ impl Photons {
         };
         let done_of_round = done % of_round;
         if let Some(merging) = self.merging.as_ref().filter(|_| done_of_round == 0) {
-            let before = (done / self.per_sample) as u32;
+            let before = (done / self.per_sample()) as u32;
             let of_round = merging.samples_of_round(tile).min(samples - before);
             merging.begin(gpu, scene, tile, first_sample + before, of_round)?;
         }
-        let first = self.of_pass(1) * u64::from(first_sample);
         let photons = affordable.max(FIRST_BATCH).min(self.largest_batch);
         let photons = photons.min((rays / RAYS_OF_PHOTON).max(1)).min(left);
         let photons = photons.min(of_round - done_of_round);
@@ -325,9 +352,9 @@ impl Photons {
             sphere_count: self.sphere_count,
             max_bounces: settings.max_bounces,
             roulette_after: settings.roulette_after,
-            scale: 1.0 / (self.per_sample as f32 * self.step),
+            scale: 1.0 / (self.pixels as f32 * self.step),
             done_of_round: done_of_round as u32,
-            per_sample: self.per_sample as u32,
+            per_sample: self.per_sample() as u32,
             first_joint: self.joint[0],
             eye_states: self.joint[1],
         };
@@ -346,7 +373,7 @@ impl Photons {
         if photons == left {
             let resolution = Resolution {
                 pixels: tile.pixels(),
-                samples: samples as f32,
+                weight: (self.of_pass(samples) as f64 / self.pixels) as f32,
                 step: self.step,
                 padding: 0,
             };

@@ -18,10 +18,8 @@ use crate::shader;
 const HEADER_BYTES: u64 = size_of::<Round>() as u64;
 const COARSE_BYTES: u64 = 4 << 15;
 const ROW_BYTES: u64 = 16;
-/// Most bytes of the points of a tile.
-const MOST_BYTES: u64 = 1 << 27;
 /// Points of small tiles: several samples of their pixels share a round, whose passes would leave GPUs idle otherwise.
-const POINTS: u32 = 1 << 20;
+const POINTS: u32 = 1 << 18;
 const POINTS_IN_SOFTWARE: u32 = 1 << 14;
 /// The largest radius, in diagonals of the scene.
 const LARGEST: f32 = 0.005;
@@ -37,7 +35,7 @@ const SAMPLES_OF_FIRST: f32 = 16.0;
 struct Round {
     coarse: f32,
     head_mask: u32,
-    pixels: u32,
+    quads: u32,
     points: u32,
     first_sample: u32,
     radius: f32,
@@ -111,21 +109,13 @@ impl Merging {
         })
     }
 
-    /// Pixels of a tile whose points have room.
-    pub fn most_pixels(&self, gpu: &Gpu) -> u32 {
-        let bytes = gpu.limits().max_storage_buffer_binding_size.min(MOST_BYTES);
-        // A head of four bytes, or two, per point.
-        let of_points = bytes - HEADER_BYTES - COARSE_BYTES;
-        (of_points / (self.rows_of_point * ROW_BYTES + 8)) as u32
-    }
-
-    /// Makes room for tiles of `pixels` pixels.
-    pub fn resize(&mut self, gpu: &Gpu, pixels: u32) -> Result<(), GpuError> {
+    /// Makes room for tiles of `size` pixels.
+    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2]) -> Result<(), GpuError> {
         let least = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => POINTS_IN_SOFTWARE,
             _ => POINTS,
         };
-        let capacity = pixels.max(least).min(self.most_pixels(gpu));
+        let capacity = quads(size).max(least);
         let heads = capacity.next_power_of_two().max(4);
         if capacity != self.capacity {
             self.points = buffer(gpu, self.rows_of_point, [capacity, heads])?;
@@ -139,7 +129,7 @@ impl Merging {
 
     /// Samples per pixel of a round of a tile.
     pub fn samples_of_round(&self, tile: &Tile) -> u32 {
-        (self.capacity / tile.pixels()).max(1)
+        self.capacity / quads(tile.size)
     }
 
     /// Finds the points of `samples` samples of a tile's pixels, from `first_sample` on.
@@ -156,8 +146,8 @@ impl Merging {
         let round = Round {
             coarse: 4.0 * most,
             head_mask: self.heads - 1,
-            pixels: tile.pixels(),
-            points: tile.pixels() * samples,
+            quads: quads(tile.size),
+            points: quads(tile.size) * samples,
             first_sample,
             radius: self.radius * shrunk,
             most,
@@ -181,6 +171,11 @@ impl Merging {
         frame.submit()?;
         Ok(())
     }
+}
+
+/// Squares of 2 x 2 pixels. Each has one point per sample.
+fn quads([width, height]: [u32; 2]) -> u32 {
+    width.div_ceil(2) * height.div_ceil(2)
 }
 
 /// Room for a round, the coarse grid, heads and points.
