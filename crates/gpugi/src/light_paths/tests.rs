@@ -423,3 +423,30 @@ fn every_technique_declares_patterns() {
         }
     }
 }
+
+/// Two halves of a path make up the path, wherever it is cut.
+#[test]
+fn halves_make_up_paths() {
+    let words: Vec<String> = (0..4096_usize)
+        .map(|number| (0..4).map(move |place| char::from(b"LDGSVE\0\0"[number >> (3 * place) & 7])))
+        .map(|letters| letters.filter(|&letter| letter != '\0').collect())
+        .collect();
+    for pattern in ["L.*E", "LS+[DG]E", "LS.*D.*SE|LDE", "L(SD)*GE", "LE"] {
+        let filter = PathFilter::new(pattern).unwrap();
+        let (light, eye, joint) = (filter.light_automaton(), filter.automaton(), filter.joint());
+        let read = |automaton: &PathAutomaton, letters: &mut dyn Iterator<Item = char>| {
+            letters.fold(0, |state, letter| {
+                let symbol = "LDGSVE".find(letter).unwrap();
+                automaton.transitions[state][symbol] as usize
+            })
+        };
+        for word in words.iter().step_by(3) {
+            for cut in 0..=word.len() {
+                let of_light = read(light, &mut word[..cut].chars());
+                let of_eye = read(eye, &mut word[cut..].chars().rev());
+                let found = joint[of_light * eye.transitions.len() + of_eye];
+                assert_eq!(found, eye.accepts(word), "{pattern}: {word}, cut at {cut}");
+            }
+        }
+    }
+}

@@ -73,6 +73,7 @@ impl Kernels {
                 &[
                     "HAS_PATH_FILTER",
                     "LIGHT_TRACER_HAS_LAMPS",
+                    "LIGHT_TRACER_MERGES",
                     "HAS_KNOWN_LIGHT",
                 ],
             )?,

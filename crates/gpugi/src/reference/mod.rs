@@ -284,6 +284,8 @@ impl PathTracer {
             .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
+        let merges = settings.merge_radius > 0.0;
+        constants.push(("LIGHT_TRACER_MERGES", flag(merges)));
         constants.push(on_gpu.media_constant());
         let of_film = KernelOptions {
             constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],

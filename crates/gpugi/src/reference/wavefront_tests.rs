@@ -126,6 +126,7 @@ fn it_renders_what_one_kernel_renders() {
             ("HAS_STRAIGHT", f64::from(u8::from(has_straight(&scene)))),
             ("HAS_PATH_FILTER", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
+            ("LIGHT_TRACER_MERGES", 0.0),
         ];
         constants.extend(tracer.scene.ray_constants());
         let expected = expected(&gpu, &tracer, &constants);

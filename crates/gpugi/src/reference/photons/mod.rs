@@ -2,7 +2,7 @@
 //! chance: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of the lamps that `mark_lamps` chooses.
 //! Photons leave the lights toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy
 //! lobe that they meet. Where mirrors or glass show such lobes to the eye, they are merged with what it sees there
-//! (`merging`): paths `LS.*[DG].*SE` of points, spots and directions.
+//! (`merging`): paths `LS.*[DG].*SE` of points, spots and directions, and `LS.*D(G|S)*SE` of those lamps.
 //!
 //! The path tracer leaves exactly these paths out, so each path is found once.
 
@@ -20,17 +20,17 @@ use super::wavefront::Named;
 use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
-use crate::paths::lights::TRIANGLE;
 use crate::scene::GpuScene;
 use crate::shader;
 pub(super) use aims::{Aims, Measured, mark_lamps, spheres};
 use merging::Merging;
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
-pub(super) const FOUND: [LightPaths; 3] = [
+pub(super) const FOUND: [LightPaths; 4] = [
     LightPaths::new(LightClass::Punctual, "LS.*[DG]E"),
     LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE"),
     LightPaths::new(LightClass::Area, "LS.*DE"),
+    LightPaths::new(LightClass::Area, "LS.*D[GS]*SE"),
 ];
 
 /// Bytes per pixel of an image.
@@ -159,7 +159,7 @@ impl Photons {
         constants: &[(&str, f64)],
         of_eye: &Named<'_>,
     ) -> Result<Self, GpuError> {
-        let merging = (radius > 0.0 && has_punctual(aims))
+        let merging = (radius > 0.0)
             .then(|| Merging::new(gpu, on_gpu, constants, of_eye, radius))
             .transpose()?;
         let is_merging = f64::from(u8::from(merging.is_some()));
@@ -247,12 +247,7 @@ impl Photons {
     }
 
     /// Sends as many photons as images of `size` pixels need, whose tiles have up to `of_tile` pixels.
-    pub fn resize(
-        &mut self,
-        gpu: &Gpu,
-        size: [u32; 2],
-        of_tile: [u32; 2],
-    ) -> Result<(), GpuError> {
+    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2], of_tile: [u32; 2]) -> Result<(), GpuError> {
         self.pixels = f64::from(size[0]) * f64::from(size[1]);
         if let Some(merging) = &mut self.merging {
             merging.resize(gpu, of_tile)?;
@@ -433,11 +428,6 @@ fn bind_lights(
     let shown = merging.map_or(aims, |merging| &merging.points);
     let buffers: &Named<'_> = &[("lights", rows), ("aims", aims), ("shown", shown)];
     bind(gpu, trace, 2, buffers)
-}
-
-/// Whether any light that sends photons has no extent.
-fn has_punctual(aims: &Aims) -> bool {
-    aims.rows.iter().any(|row| row.kind != TRIANGLE)
 }
 
 fn bind(

@@ -52,6 +52,7 @@ impl Constants {
             ("HAS_PATH_FILTER", 1.0),
             ("HAS_KNOWN_LIGHT", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
+            ("LIGHT_TRACER_MERGES", 0.0),
             scene.media_constant(),
         ];
         values.extend(scene.ray_constants());

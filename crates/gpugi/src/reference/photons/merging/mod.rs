@@ -6,6 +6,9 @@
 //!
 //! A picture is blurred by the discs, so its error is no noise alone: the picture is consistent, but not unbiased.
 
+#[cfg(test)]
+mod tests;
+
 use bytemuck::{Pod, Zeroable};
 
 use super::{Tile, bind};
@@ -166,7 +169,8 @@ impl Merging {
             self.follow.dispatch(pass, &groups, [round.points, 1, 1]);
         });
         frame.compute("photons.link", |pass| {
-            self.link.dispatch(pass, &[(2, &self.of_link)], [round.points, 1, 1]);
+            self.link
+                .dispatch(pass, &[(2, &self.of_link)], [round.points, 1, 1]);
         });
         frame.submit()?;
         Ok(())
@@ -179,7 +183,11 @@ fn quads([width, height]: [u32; 2]) -> u32 {
 }
 
 /// Room for a round, the coarse grid, heads and points.
-fn buffer(gpu: &Gpu, rows_of_point: u64, [points, heads]: [u32; 2]) -> Result<wgpu::Buffer, GpuError> {
+fn buffer(
+    gpu: &Gpu,
+    rows_of_point: u64,
+    [points, heads]: [u32; 2],
+) -> Result<wgpu::Buffer, GpuError> {
     let of_points = u64::from(points) * rows_of_point * ROW_BYTES;
     let bytes = HEADER_BYTES + COARSE_BYTES + u64::from(heads) * 4 + of_points;
     gpu.buffer("photons.points [bytes]", bytes, wgpu::BufferUsages::STORAGE)
