@@ -279,12 +279,12 @@ impl PathTracer {
             ("settings", &parameters),
             ("automaton", &automaton),
         ];
-        let merged = (&filter, settings.merge_radius as f32);
+        let merges = photons::merges(settings, &classes);
+        let merged = (&filter, merges.then_some(settings.merge_radius as f32));
         let photons = (lit.aims.as_ref())
             .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
-        let merges = settings.merge_radius > 0.0;
         constants.push(("LIGHT_TRACER_MERGES", flag(merges)));
         constants.push(on_gpu.media_constant());
         let of_film = KernelOptions {

@@ -26,10 +26,13 @@ pub(super) use aims::{Aims, Measured, mark_lamps, spheres};
 use merging::Merging;
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
-pub(super) const FOUND: [LightPaths; 4] = [
+pub(super) const SPLATTED: [LightPaths; 2] = [
     LightPaths::new(LightClass::Punctual, "LS.*[DG]E"),
-    LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE"),
     LightPaths::new(LightClass::Area, "LS.*DE"),
+];
+/// Those that it finds by merging: of lamps, only where each G is narrow.
+const MERGED: [LightPaths; 2] = [
+    LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE"),
     LightPaths::new(LightClass::Area, "LS.*D[GS]*SE"),
 ];
 
@@ -134,33 +137,45 @@ pub(super) struct PhotonFilm {
 /// # Panics
 /// If the settings' pattern is invalid.
 pub(super) fn kept_classes(settings: &Settings, classes: &[LightClass]) -> Vec<LightClass> {
-    if settings.max_bounces < 2 {
-        return Vec::new();
-    }
     let is_kept = |class: &LightClass| {
-        let kept = LightPaths {
-            class: *class,
-            pattern: settings.paths.clone().into(),
-        };
-        overlap(&[kept], &FOUND).is_some()
+        settings.max_bounces >= 2
+            && (keeps(settings, *class, &SPLATTED) || merges(settings, &[*class]))
     };
     classes.iter().copied().filter(is_kept).collect()
 }
 
+/// Whether photons of lights of some classes are merged with what mirrors and glass show.
+///
+/// # Panics
+/// If the settings' pattern is invalid.
+pub(super) fn merges(settings: &Settings, classes: &[LightClass]) -> bool {
+    let mut classes = classes.iter();
+    settings.merge_radius > 0.0 && classes.any(|class| keeps(settings, *class, &MERGED))
+}
+
+/// Whether the settings keep any of these paths of a class of lights.
+fn keeps(settings: &Settings, class: LightClass, paths: &[LightPaths]) -> bool {
+    let kept = LightPaths {
+        class,
+        pattern: settings.paths.clone().into(),
+    };
+    overlap(&[kept], paths).is_some()
+}
+
 impl Photons {
     /// The light tracer of a scene. `constants` are those of path_state.wesl and bvh.wesl, `of_eye`: `seen`, `settings` and
-    /// `automaton` of the paths from the eye. `radius`: within which photons are merged at first (pixels); 0: not at all.
+    /// `automaton` of the paths from the eye. `radius`: within which photons are merged at first (pixels), if they are.
     /// [`Photons::resize`] has to follow.
     pub fn new(
         gpu: &Gpu,
         on_gpu: &GpuScene,
         aims: &Aims,
-        (filter, radius): (&PathFilter, f32),
+        (filter, radius): (&PathFilter, Option<f32>),
         constants: &[(&str, f64)],
         of_eye: &Named<'_>,
     ) -> Result<Self, GpuError> {
-        let merging = (radius > 0.0)
-            .then(|| Merging::new(gpu, on_gpu, constants, of_eye, radius))
+        let merging = radius
+            .map(|radius| Merging::new(gpu, on_gpu, constants, of_eye, radius))
             .transpose()?;
         let is_merging = f64::from(u8::from(merging.is_some()));
         let of_trace: Vec<_> = constants

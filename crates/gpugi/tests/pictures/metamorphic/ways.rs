@@ -19,6 +19,8 @@ const PART: u32 = SIZE / 4;
 /// Samples per pixel of the techniques and of the path tracer, and per texel.
 const SAMPLES: u32 = 64;
 const PATHS: u32 = 256;
+/// Where mirrors throw light, which comes in few photons.
+const PATHS_WITH_PHOTONS: u32 = 768;
 const TEXEL_SAMPLES: u32 = 2;
 /// Side of the bake's atlas (texels).
 const ATLAS: u32 = 64;
@@ -165,7 +167,13 @@ impl Way for Traced {
         }
         self.tracer.restart(seed).expect("a start");
         let go_on = &mut |_: &_| ControlFlow::Continue(());
-        let traced = self.tracer.render(&scene.cameras[0], PATHS, go_on);
+        let throws =
+            |object: &gpugi_scene::Instance| scene.materials[object.material].roughness == 0.0;
+        let paths = match scene.instances.iter().any(throws) {
+            true => PATHS_WITH_PHOTONS,
+            false => PATHS,
+        };
+        let traced = self.tracer.render(&scene.cameras[0], paths, go_on);
         traced.expect("samples");
         let radiance = self.tracer.radiance().expect("radiance");
         means(&radiance, changed.is_mirrored)

@@ -17,7 +17,7 @@ use crate::reference::wavefront::Named;
 use crate::scene::GpuScene;
 use crate::shader;
 
-/// Sizes in photons/merging/points.wesl (bytes): of `Round`, the coarse grid and a row.
+/// Sizes in reference/photons/merging/points.wesl (bytes): of `Round`, the coarse grid and a row.
 const HEADER_BYTES: u64 = size_of::<Round>() as u64;
 const COARSE_BYTES: u64 = 4 << 15;
 const ROW_BYTES: u64 = 16;
@@ -32,7 +32,7 @@ const CELL_RATIO: f32 = (1_u32 << 15) as f32;
 /// the noise fall at the same pace (Knaus and Zwicker, section 4, alpha = 2/3).
 const SAMPLES_OF_FIRST: f32 = 16.0;
 
-/// `Round` of photons/merging/points.wesl.
+/// `Round` of reference/photons/merging/points.wesl.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Round {
