@@ -20,7 +20,7 @@ const MOST_HEADER: u64 = 1 << 16;
 
 /// Increase this number when a change to the path tracer's host code changes its output: which lights there are, how
 /// they emit, what the geometry is. Changes to its shaders are detected automatically.
-const ALGORITHM: u32 = 2;
+const ALGORITHM: u32 = 3;
 
 /// Everything that determines an image.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,6 +49,8 @@ impl Key {
             shader!("paths.shade"),
             shader!("reference.resolve"),
             shader!("reference.photons.trace"),
+            shader!("reference.photons.merging.follow"),
+            shader!("reference.photons.merging.link"),
             shader!("reference.photons.resolve"),
             shader!("reference.noise"),
         ] {

@@ -285,7 +285,9 @@ impl PathTracer {
             .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
-        constants.push(("LIGHT_TRACER_MERGES", flag(merges)));
+        // Whatever paths are kept, so that parts of the light take the same paths as all light.
+        let may_merge = settings.merge_radius > 0.0;
+        constants.push(("LIGHT_TRACER_MERGES", flag(may_merge)));
         constants.push(on_gpu.media_constant());
         let of_film = KernelOptions {
             constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],

@@ -20,7 +20,7 @@ const PART: u32 = SIZE / 4;
 const SAMPLES: u32 = 64;
 const PATHS: u32 = 256;
 /// Where mirrors throw light, which comes in few photons.
-const PATHS_WITH_PHOTONS: u32 = 768;
+const PATHS_WITH_PHOTONS: u32 = 512;
 const TEXEL_SAMPLES: u32 = 2;
 /// Side of the bake's atlas (texels).
 const ATLAS: u32 = 64;

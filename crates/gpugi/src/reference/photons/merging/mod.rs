@@ -25,7 +25,7 @@ const ROW_BYTES: u64 = 16;
 const POINTS: u32 = 1 << 18;
 const POINTS_IN_SOFTWARE: u32 = 1 << 14;
 /// The largest radius, in diagonals of the scene.
-const LARGEST: f32 = 0.005;
+const LARGEST: f32 = 0.02;
 /// A cell of the highest level over one of the lowest: `LEVELS` of points.wesl.
 const CELL_RATIO: f32 = (1_u32 << 15) as f32;
 /// Samples over which the area of discs falls by a third at first. Then it falls as 1 / samples^(1/3), so that the bias and
@@ -147,7 +147,7 @@ impl Merging {
         let most = LARGEST * scene.diagonal();
         let shrunk = (1.0 + first_sample as f32 / SAMPLES_OF_FIRST).powf(-1.0 / 6.0);
         let round = Round {
-            coarse: 4.0 * most,
+            coarse: 2.0 * most,
             head_mask: self.heads - 1,
             quads: quads(tile.size),
             points: quads(tile.size) * samples,
