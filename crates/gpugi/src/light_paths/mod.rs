@@ -200,18 +200,6 @@ pub fn caustic_depth(covered: &[LightPaths], class: LightClass) -> u32 {
         .unwrap_or(0)
 }
 
-/// The shortest path in a set that neither path tracing nor light tracing finds. On such a path, light from a source
-/// without extent meets a mirror or glass first, so that no ray from the eye ends at the light, and a mirror or glass
-/// last, so that no photon reaches the eye. `LS+E` is left out, although neither finds it: the image of such a source in
-/// a mirror has no extent either, so no technique shows it, and it cannot count as error.
-///
-/// # Panics
-/// See [`overlap`].
-pub fn never_found(covered: &[LightPaths]) -> Option<String> {
-    let punctual = LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE");
-    overlap(covered, &[punctual]).map(|(_, path)| path)
-}
-
 /// Describes the light that a set of techniques leaves out, for the light classes that a scene has and for the `lobes`
 /// of its surfaces and media, some of `DGSV`. Each entry is a few words for human readers.
 ///

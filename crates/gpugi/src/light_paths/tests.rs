@@ -345,21 +345,6 @@ fn light_paths_are_told_in_words() {
 }
 
 #[test]
-fn light_that_no_tracer_finds_is_known() {
-    let never_found = |class, pattern| super::never_found(&[LightPaths::new(class, pattern)]);
-    for (pattern, path) in [
-        ("LS+[DG]E", None),
-        ("LS+[DG]S*E", Some("LSDSE")),
-        ("L.*E", Some("LSDSE")),
-        ("L[DG]S{1,2}E", None),
-        ("LS+E", None),
-    ] {
-        assert_eq!(never_found(LightClass::Punctual, pattern).as_deref(), path);
-        assert_eq!(never_found(LightClass::Area, pattern), None);
-    }
-}
-
-#[test]
 fn the_longest_path_is_known_where_there_is_one() {
     for (pattern, most) in [
         ("LE", Some(0)),

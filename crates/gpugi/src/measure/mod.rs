@@ -19,8 +19,9 @@ use gpugi_scene::image::metrics::{Comparison, Metric, MetricError, Picture, comp
 use gpugi_scene::{Camera, Scene};
 
 use crate::gpu::{Gpu, Timing};
-use crate::light_paths::{LightClass, all_light, never_found, parts};
+use crate::light_paths::{LightClass, LightPaths, all_light, overlap, parts};
 use crate::lighting::{LightingError, Readiness};
+use crate::reference;
 use crate::renderer::Renderer;
 use crate::shutter::Motion;
 use crate::techniques::Map;
@@ -204,12 +205,14 @@ pub fn measure(
     };
     let mut truth = trace(gpu, &subject, &parts, options, report)?;
     let mut notes = std::mem::take(&mut truth.notes);
-    if classes.contains(&LightClass::Punctual)
-        && let Some(path) = never_found(&covered)
+    let caustics = LightPaths::new(LightClass::Punctual, "LS.*[DG].*E");
+    let left_out = reference::left_out(scene, &reference::Settings::default());
+    if !left_out.is_empty()
+        && let Some((_, path)) = overlap(&covered, &[caustics])
     {
         notes.push(format!(
-            "the path tracer never finds light of points, spots and directions that meets a mirror or glass both first and \
-             last ({path}): it counts as error; measure with area lights"
+            "the path tracer lacks {} ({path}): they count as error; measure with area lights",
+            left_out.join(", ")
         ));
     }
     let test = picture("the techniques", &radiance, size)?;

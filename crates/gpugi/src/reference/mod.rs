@@ -180,18 +180,17 @@ pub struct PathTracer {
 pub fn left_out(scene: &Scene, settings: &Settings) -> Vec<String> {
     let counts = |classes: Vec<LightClass>| classes.contains(&LightClass::Punctual);
     let has_punctual = !scene.lights.is_empty() && settings.classes().is_ok_and(counts);
-    let is_merging = settings.merge_radius > 0.0;
-    match (
-        has_punctual && has_smooth_objects(scene),
-        scene.media.is_empty(),
-    ) {
-        (false, _) => Vec::new(),
-        (true, true) if is_merging => Vec::new(),
-        (true, true) => vec![
-            "caustics of points, spots and directions where mirrors and glass show them".into(),
-        ],
+    if !has_punctual || !has_smooth_objects(scene) {
+        return Vec::new();
+    }
+    let caustics = "caustics of points, spots and directions";
+    if !scene.media.is_empty() {
         // Photons do not know media.
-        (true, false) => vec!["caustics of points, spots and directions".into()],
+        vec![caustics.to_owned()]
+    } else if settings.merge_radius == 0.0 {
+        vec![format!("{caustics} where mirrors and glass show them")]
+    } else {
+        Vec::new()
     }
 }
 

@@ -265,7 +265,7 @@ impl Photons {
     pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2], of_tile: [u32; 2]) -> Result<(), GpuError> {
         self.pixels = f64::from(size[0]) * f64::from(size[1]);
         if let Some(merging) = &mut self.merging {
-            merging.resize(gpu, of_tile)?;
+            merging.resize(gpu, of_tile, self.pixels)?;
             self.bind_lights(gpu)?;
         }
         Ok(())

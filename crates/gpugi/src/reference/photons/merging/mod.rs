@@ -24,8 +24,10 @@ const ROW_BYTES: u64 = 16;
 /// Points of small tiles: several samples of their pixels share a round, whose passes would leave GPUs idle otherwise.
 const POINTS: u32 = 1 << 18;
 const POINTS_IN_SOFTWARE: u32 = 1 << 14;
-/// The largest radius, in diagonals of the scene.
-const LARGEST: f32 = 0.02;
+/// The largest radius, in diagonals of the scene: larger ones take more time. In small pictures, whose pixels are large, it
+/// is this number over the pixels along a side.
+const LARGEST: f32 = 0.005;
+const LARGEST_OF_SIDE: f32 = 0.3;
 /// A cell of the highest level over one of the lowest: `LEVELS` of points.wesl.
 const CELL_RATIO: f32 = (1_u32 << 15) as f32;
 /// Samples over which the area of discs falls by a third at first. Then it falls as 1 / samples^(1/3), so that the bias and
@@ -62,6 +64,8 @@ pub(super) struct Merging {
     heads: u32,
     /// Radius of the first discs (pixels).
     radius: f32,
+    /// The largest radius (diagonals of the scene).
+    largest: f32,
 }
 
 impl Merging {
@@ -109,11 +113,13 @@ impl Merging {
             capacity: 0,
             heads: 4,
             radius,
+            largest: LARGEST,
         })
     }
 
-    /// Makes room for tiles of `size` pixels.
-    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2]) -> Result<(), GpuError> {
+    /// Makes room for tiles of `size` pixels, of a picture of so many `pixels`.
+    pub fn resize(&mut self, gpu: &Gpu, size: [u32; 2], pixels: f64) -> Result<(), GpuError> {
+        self.largest = LARGEST.max(LARGEST_OF_SIDE / pixels.sqrt() as f32);
         let least = match gpu.adapter.device_type {
             wgpu::DeviceType::Cpu => POINTS_IN_SOFTWARE,
             _ => POINTS,
@@ -144,7 +150,7 @@ impl Merging {
         first_sample: u32,
         samples: u32,
     ) -> Result<(), GpuError> {
-        let most = LARGEST * scene.diagonal();
+        let most = self.largest * scene.diagonal();
         let shrunk = (1.0 + first_sample as f32 / SAMPLES_OF_FIRST).powf(-1.0 / 6.0);
         let round = Round {
             coarse: 2.0 * most,
