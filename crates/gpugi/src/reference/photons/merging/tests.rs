@@ -45,9 +45,9 @@ fn a_mirror_shows_what_mirrors_light() {
         }
     }
     let expected = 0.8 * 0.8 * irradiance * 0.5 / PI;
-    let (value, error) = mean(&gpu, &scene, &upward(1.0), &keeping("LSDSE"), 16, true);
+    let (value, error) = mean(&gpu, &scene, &upward(1.0), &keeping("LSDSE"), 8, true);
     println!("{value}, expected {expected}, error {error}");
-    assert!(error < 0.02 * expected, "error {error}");
+    assert!(error < 0.03 * expected, "error {error}");
     assert!(
         (value - expected).abs() < 3.5 * error,
         "{value}, not {expected}"
@@ -79,11 +79,11 @@ fn both_tracers_find_the_same_light_in_mirrors() {
     let camera = Camera::look_at("", vec3(0.2, 0.5, 0.5), vec3(0.0, 0.35, 0.8), 0.9);
     let settings = keeping("LS.*D.*SE");
     let of = |samples, merges| mean(&gpu, &scene, &camera, &settings, samples, merges);
-    let (alone, noise) = of(8, false);
-    let (both, error) = of(16, true);
+    let (alone, noise) = of(4, false);
+    let (both, error) = of(6, true);
     println!("{alone} +- {noise} alone, {both} +- {error} with photons");
     let spread = noise.hypot(error);
-    assert!(spread < 0.025 * alone, "{spread} of {alone}");
+    assert!(spread < 0.06 * alone, "{spread} of {alone}");
     assert!((both - alone).abs() < 3.5 * spread, "{both}, not {alone}");
 }
 
@@ -107,12 +107,12 @@ fn narrow_gloss_shows_what_wide_gloss_shows() {
         scene
             .lights
             .push(light.aimed(vec3(0.0, 1.5, 0.5), Vec3::ZERO));
-        mean(&gpu, &scene, &upward(1.5), &keeping("LSGSE"), 16, true)
+        mean(&gpu, &scene, &upward(1.5), &keeping("LSGSE"), 6, true)
     };
     let [(narrow, noise), (wide, error)] = [0.2999, 0.3001].map(of);
     println!("{narrow} +- {noise}, {wide} +- {error}");
     let spread = noise.hypot(error);
-    assert!(spread < 0.03 * wide, "{spread} of {wide}");
+    assert!(spread < 0.1 * wide, "{spread} of {wide}");
     assert!((narrow - wide).abs() < 3.0 * spread, "{narrow}, not {wide}");
 }
 
