@@ -6,6 +6,7 @@
 //! caustics that paths from the eye do not find.
 //! `docs/techniques/path-tracer.md` describes what is sampled and how.
 
+mod batches;
 mod check;
 mod denoised;
 #[cfg(test)]
@@ -30,22 +31,22 @@ pub use denoised::ImageFilter;
 pub use settings::Settings;
 
 use std::ops::ControlFlow;
-use web_time::Instant;
 
 use glam::{Vec2, Vec3};
 use gpugi_scene::{Camera, Lens, Scene};
 
 use crate::capture::View;
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, ReadBack, begin_read_buffer};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths};
 use crate::lighting::LightingError;
-use crate::paths::gpu::{EyeUniform, Header, Parameters, ThinLensUniform};
+use crate::paths::gpu::{EyeUniform, Parameters, ThinLensUniform};
 use crate::paths::{LightBuffers, Sky, has_straight};
 use crate::scene::{GpuScene, has_smooth_objects};
 use crate::settings::SettingError;
 use crate::shader;
 use crate::shutter::{Motion, moment};
 use crate::techniques::{Cost, Info, Needs, Role};
+use batches::Batch;
 use features::Looker;
 use lit::Lit;
 use photons::Photons;
@@ -74,9 +75,6 @@ pub const INFO: Info = Info {
 const TILE_SIDE: u32 = 2048;
 /// Samples with which the noise is estimated first: fewer cannot estimate their own variance.
 const LEAST_SAMPLES: u32 = 16;
-/// Target duration of a batch (s). It is long enough to fill a GPU. Each of a batch's many dispatches is short enough
-/// for any driver's watchdog.
-const BATCH_SECONDS: f64 = 0.2;
 /// Moments of one sample at which a picture is taken while the shutter is open and things move; later ones have more, up to
 /// [`MOST_PER_MOMENT`]. Before as many, nobody knows how noisy the picture is.
 const MOMENTS: u32 = 256;
@@ -89,23 +87,9 @@ struct Pass {
     /// The next tile, and the next block within it.
     tile: usize,
     block: u32,
-    /// Photons traced for the tile.
+    /// Photons traced for the tile, and points of their round if it has none yet.
     photons: u64,
-}
-
-/// What the GPU has been given to do, and when.
-#[derive(Debug)]
-struct Batch {
-    work: Work,
-    started: Instant,
-}
-
-#[derive(Debug)]
-enum Work {
-    /// Paths, with how far they are.
-    Paths(wavefront::Batch, ReadBack<Vec<Header>>),
-    /// So many photons, with something that arrives after them.
-    Photons(u64, ReadBack<Vec<u32>>),
+    points: u32,
 }
 
 /// Rays of a submission that may take as long as it likes.
@@ -656,140 +640,5 @@ impl PathTracer {
         let of_photons = self.pass.photons as f64 / photons.of_pass(self.pass.samples) as f64;
         let pixels = f64::from(tile.pixels());
         whole + (of_blocks.min(pixels) + of_photons * pixels) / 2.0
-    }
-
-    /// Continues the pass by as many blocks or photons as should take [`BATCH_SECONDS`]. No submission traces more than
-    /// about `rays` rays.
-    fn begin_batch(&mut self, rays: u64) -> Result<(), GpuError> {
-        let started = Instant::now();
-        let tile = &self.tiles[self.pass.tile];
-        let work = match (&self.photons, &tile.photons) {
-            (Some(photons), Some(film)) if self.pass.block == tile.blocks() => {
-                let samples = [self.samples, self.pass.samples];
-                let place = (self.photon_count, self.pass.photons, samples);
-                let film_of_tile = (tile, film);
-                let (gpu, scene, settings) = (&self.gpu, &self.scene, &self.settings);
-                let count = photons.begin(gpu, scene, film_of_tile, settings, place, rays)?;
-                Work::Photons(count, begin_read_buffer(gpu, &film.pixels, 4)?)
-            }
-            _ => {
-                let mut batch = self.begin_paths(rays);
-                let (gpu, scene) = (&self.gpu, &self.scene);
-                if let (Some(looker), Some(features)) = (&self.looker, &tile.features)
-                    && self.samples < features::MOST_SAMPLES
-                {
-                    let mut frame = Frame::new(gpu, false);
-                    looker.record(&mut frame, scene, features, batch.blocks)?;
-                    frame.submit()?;
-                }
-                let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
-                Work::Paths(batch, state)
-            }
-        };
-        self.batch = Some(Batch { work, started });
-        self.pieces += 1;
-        Ok(())
-    }
-
-    /// Takes notice of what the GPU has done of a batch, and gives it more to do until the batch ends. Returns whether
-    /// none is left; if it `waits`, that is so.
-    fn follow_batch(&mut self, rays: u64, waits: bool) -> Result<bool, GpuError> {
-        while let Some(Batch { work, started }) = self.batch.take() {
-            let tile = &self.tiles[self.pass.tile];
-            match work {
-                Work::Paths(mut batch, state) => {
-                    let Some(after) = arrived(&state, waits) else {
-                        let work = Work::Paths(batch, state);
-                        self.batch = Some(Batch { work, started });
-                        return Ok(false);
-                    };
-                    let film = &tile.film_group;
-                    let (gpu, scene) = (&self.gpu, &self.scene);
-                    if !(self.wavefront).follow(gpu, film, &mut batch, &after?[0])? {
-                        let state = self.wavefront.advance(gpu, scene, &mut batch, rays)?;
-                        let work = Work::Paths(batch, state);
-                        self.batch = Some(Batch { work, started });
-                        self.pieces += 1;
-                        continue;
-                    }
-                    let seconds = started.elapsed().as_secs_f64().max(1e-5);
-                    let work = f64::from(batch.blocks * BLOCK_PIXELS);
-                    let work = work * f64::from(self.pass.samples);
-                    // Small batches do not fill the GPU, so approach its rate from below.
-                    self.rate =
-                        (work / seconds).min((self.rate * 4.0).max(work / seconds.max(0.01)));
-                    self.pass.block += batch.blocks;
-                }
-                Work::Photons(count, after) => {
-                    let Some(after) = arrived(&after, waits) else {
-                        let work = Work::Photons(count, after);
-                        self.batch = Some(Batch { work, started });
-                        return Ok(false);
-                    };
-                    after?;
-                    let seconds = started.elapsed().as_secs_f64().max(1e-5);
-                    if let Some(photons) = &mut self.photons {
-                        photons.measure(count, seconds);
-                    }
-                    self.pass.photons += count;
-                }
-            }
-            let of_pass = |photons: &Photons| photons.of_pass(self.pass.samples);
-            let photons = self.photons.as_ref().map_or(0, of_pass);
-            if self.pass.block == tile.blocks() && self.pass.photons == photons {
-                self.pass = Pass {
-                    samples: self.pass.samples,
-                    tile: self.pass.tile + 1,
-                    block: 0,
-                    photons: 0,
-                };
-            }
-        }
-        Ok(true)
-    }
-
-    /// Continues the tile's paths.
-    fn begin_paths(&self, rays: u64) -> wavefront::Batch {
-        let Pass {
-            samples,
-            tile,
-            block,
-            ..
-        } = self.pass;
-        let tile = &self.tiles[tile];
-        let affordable = self.rate * BATCH_SECONDS / f64::from(samples * BLOCK_PIXELS);
-        let blocks = (affordable as u32)
-            .max(64)
-            .min(self.wavefront.items() / (samples * BLOCK_PIXELS))
-            .min(tile.blocks() - block);
-        let parameters = Parameters {
-            tile_x: tile.origin[0],
-            tile_y: tile.origin[1],
-            tile_width: tile.size[0],
-            tile_height: tile.size[1],
-            first_block: block,
-            samples,
-            first_sample: self.samples,
-            max_bounces: self.settings.max_bounces,
-            roulette_after: self.settings.roulette_after,
-            light_count: self.lit.table.rows.len() as u32,
-            sky_probability: self.lit.table.sky_probability,
-            emission_classes: self.emission_classes,
-            solids: self.around_eye,
-            ..bytemuck::Zeroable::zeroed()
-        };
-        self.gpu
-            .write(&self.parameters, 0, std::slice::from_ref(&parameters));
-        let place = (self.samples, self.seed);
-        self.wavefront
-            .begin(&self.gpu, blocks, samples, place, rays)
-    }
-}
-
-/// What has arrived on the host, if it has; if `waits`, it has.
-fn arrived<T>(data: &ReadBack<T>, waits: bool) -> Option<Result<T, GpuError>> {
-    match waits {
-        true => Some(data.wait()),
-        false => data.get(),
     }
 }

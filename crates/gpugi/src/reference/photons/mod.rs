@@ -15,9 +15,10 @@ mod tests;
 
 use bytemuck::{Pod, Zeroable};
 
+use super::Settings;
+use super::batches::BATCH_SECONDS;
 use super::tile::Tile;
 use super::wavefront::Named;
-use super::{BATCH_SECONDS, Settings};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{LightClass, LightPaths, PathFilter, overlap};
 use crate::scene::GpuScene;
@@ -121,6 +122,27 @@ pub(super) struct Photons {
     rate: f64,
     /// Most photons of a batch.
     largest_batch: u64,
+}
+
+/// How far a tile's pass is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Number of the pass's first photon, and photons done.
+    pub first: u64,
+    pub done: u64,
+    /// Points of the round that are done, as long as it has no photons.
+    pub points: u32,
+    /// Number of the pass's first sample, and its samples per pixel.
+    pub first_sample: u32,
+    pub samples: u32,
+}
+
+/// What a batch has begun.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Begun {
+    /// Points with which photons will be merged: some of a round.
+    Points(u32),
+    Photons(u64),
 }
 
 /// The light tracer's part of a tile.
@@ -276,17 +298,9 @@ impl Photons {
         self.share = PHOTONS_PER_SAMPLE;
     }
 
-    /// Sends as many photons from now on as lower the noise most in the same time, if `of_paths` and `of_photons` are the
-    /// variances so far, and photons were as many as now. With N paths of variance V and cost c each, and n photons of
-    /// variance v and cost k, V / N + v / n is least for n / N = sqrt(v c / (V k)). It is rounded to a power of two, so that
-    /// adapters whose rounding differs send the same photons.
+    /// Sends as many photons from now on as lower the noise most in the same time, given the variances of both tracers so far.
     pub fn balance(&mut self, of_paths: f64, of_photons: f64) {
-        let share = (self.share * of_photons * PATH_OVER_PHOTON / of_paths).sqrt();
-        let share = match share.is_nan() {
-            true => self.share,
-            false => share.clamp(LEAST_PER_SAMPLE, MOST_PER_SAMPLE),
-        };
-        self.share = share.log2().round().exp2();
+        self.share = balanced(self.share, of_paths, of_photons);
     }
 
     fn bind_lights(&mut self, gpu: &Gpu) -> Result<(), GpuError> {
@@ -323,18 +337,25 @@ impl Photons {
         (self.pixels * self.share).ceil() as u64
     }
 
-    /// Continues a tile's pass after `done` photons, by as many as should take half of
-    /// [`BATCH_SECONDS`], because they are one dispatch, and trace no more than about `rays` rays; returns their number.
-    /// `first` is the number of the pass's first photon, `first_sample` and `samples` those of the pass. The last batch adds the pass to the tile's film.
+    /// Continues a tile's pass by as many photons as should take half of [`BATCH_SECONDS`], because they are one dispatch,
+    /// and trace no more than about `rays` rays. Where photons are merged, the points of a round come before its photons.
+    /// The last batch adds the pass to the tile's film.
     pub fn begin(
         &self,
         gpu: &Gpu,
         scene: &GpuScene,
         (tile, film): (&Tile, &PhotonFilm),
         settings: &Settings,
-        (first, done, [first_sample, samples]): (u64, u64, [u32; 2]),
+        at: &Place,
         rays: u64,
-    ) -> Result<u64, GpuError> {
+    ) -> Result<Begun, GpuError> {
+        let Place {
+            first,
+            done,
+            points,
+            samples,
+            ..
+        } = *at;
         let affordable = (self.rate * BATCH_SECONDS / 2.0) as u64;
         let left = self.of_pass(samples) - done;
         let of_round = match &self.merging {
@@ -345,7 +366,11 @@ impl Photons {
         if let Some(merging) = self.merging.as_ref().filter(|_| done_of_round == 0) {
             let before = (done / self.per_sample()) as u32;
             let of_round = merging.samples_of_round(tile).min(samples - before);
-            merging.begin(gpu, scene, tile, first_sample + before, of_round)?;
+            let round = [at.first_sample + before, of_round];
+            let begun = merging.begin(gpu, scene, tile, round, points, rays)?;
+            if points + begun < Merging::points_of_round(tile, of_round) {
+                return Ok(Begun::Points(begun));
+            }
         }
         let photons = affordable.max(FIRST_BATCH).min(self.largest_batch);
         let photons = photons.min((rays / RAYS_OF_PHOTON).max(1)).min(left);
@@ -395,7 +420,7 @@ impl Photons {
             });
             frame.submit()?;
         }
-        Ok(photons)
+        Ok(Begun::Photons(photons))
     }
 
     /// Takes notice of how long a batch took.
@@ -411,6 +436,22 @@ impl PhotonFilm {
     pub fn clear(&self, frame: &mut Frame<'_>) {
         frame.clear(&self.sums);
         frame.clear(&self.pixels);
+    }
+}
+
+/// Photons per path that lower the noise most in the same time, if with `share` of them, the variance of the picture is that
+/// of paths and of photons. With N paths of variance V and cost c each, and n photons of variance v and cost k, V / N + v / n
+/// is least for n / N = sqrt(v c / (V k)). It is rounded to a power of two, so that adapters whose rounding differs send the
+/// same photons.
+fn balanced(share: f64, of_paths: f64, of_photons: f64) -> f64 {
+    let ratio = share * of_photons.max(0.0) * PATH_OVER_PHOTON / of_paths.max(0.0);
+    match ratio.is_nan() {
+        // No light so far.
+        true => share,
+        false => {
+            let best = ratio.sqrt().clamp(LEAST_PER_SAMPLE, MOST_PER_SAMPLE);
+            best.log2().round().exp2()
+        }
     }
 }
 

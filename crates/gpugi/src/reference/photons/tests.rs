@@ -7,7 +7,7 @@ use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, quad, sphere};
 use gpugi_scene::{Camera, Lens, Light, LightKind, Material, Mesh, Projection, Scene, Volume};
 
-use super::LARGEST_BATCH;
+use super::{LARGEST_BATCH, LEAST_PER_SAMPLE, MOST_PER_SAMPLE, PHOTONS_PER_SAMPLE, balanced};
 use crate::gpu::{Gpu, read_buffer};
 use crate::lighting::LightingError;
 use crate::reference::{PathTracer, Settings, TILE_SIDE};
@@ -490,6 +490,47 @@ fn photons_do_not_depend_on_tiles_and_batches() {
         );
         assert!(of_tiles > 0.0);
     }
+}
+
+/// Pieces of work of a few rays, with points and photons apart, add up to the picture that is made at once, and so does the
+/// number of photons, which the noise decides.
+#[test]
+fn pieces_send_the_same_photons() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = on_floor(sphere(0.4, 16), mirror(0.9), vec3(0.0, 0.45, 0.0));
+    let light = Light::new("", LightKind::Point, Vec3::splat(3.0));
+    scene
+        .lights
+        .push(light.aimed(vec3(1.0, 1.5, 0.5), Vec3::ZERO));
+    let camera = Camera::look_at("", vec3(0.6, 1.3, 2.4), vec3(0.0, 0.2, 0.0), 0.7);
+    // Paths find nothing of it, so that more photons are worth their time.
+    let settings = keeping("LS.*[DG].*E");
+    let mut tracer = PathTracer::new(&gpu, &scene, [20, 14], &settings).unwrap();
+    let share = |tracer: &PathTracer| tracer.photons.as_ref().unwrap().share;
+    let mut on = |_: &_| ControlFlow::Continue(());
+    tracer.render(&camera, 24, &mut on).unwrap();
+    let whole = (tracer.radiance().unwrap(), share(&tracer));
+    assert_ne!(whole.1, PHOTONS_PER_SAMPLE);
+    tracer.restart(0).unwrap();
+    assert_eq!(share(&tracer), PHOTONS_PER_SAMPLE);
+    let before = tracer.pieces();
+    while tracer.try_render(&camera, 24, 60).unwrap().fraction < 1.0 {
+        gpu.wait().unwrap();
+    }
+    assert!(tracer.pieces() - before > 200);
+    assert!((tracer.radiance().unwrap(), share(&tracer)) == whole);
+}
+
+/// The number of photons follows the noise of both tracers, within bounds.
+#[test]
+fn noise_decides_how_many_photons_there_are() {
+    assert_eq!(balanced(0.125, 1.0, 1.0), 0.25);
+    assert_eq!(balanced(0.25, 1.0, 0.5), 0.25);
+    assert_eq!(balanced(0.25, 1.0, 1e-9), LEAST_PER_SAMPLE);
+    assert_eq!(balanced(0.125, 1e-9, 1.0), MOST_PER_SAMPLE);
+    // A difference of sums, rounded.
+    assert_eq!(balanced(0.125, -1e-12, 1.0), MOST_PER_SAMPLE);
+    assert_eq!(balanced(0.125, 0.0, 0.0), 0.125);
 }
 
 /// Sums of light carry from their low words to their high words, and a pixel whose sum overflows keeps its mean.

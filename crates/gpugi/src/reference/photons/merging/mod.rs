@@ -21,15 +21,17 @@ use crate::shader;
 const HEADER_BYTES: u64 = size_of::<Round>() as u64;
 const COARSE_BYTES: u64 = 4 << 15;
 const ROW_BYTES: u64 = 16;
-/// Points of small tiles: several samples of their pixels share a round, whose passes would leave GPUs idle otherwise.
+/// Least points of a round: a sample of a small tile has few, which would leave most of a GPU idle.
 const POINTS: u32 = 1 << 18;
 const POINTS_IN_SOFTWARE: u32 = 1 << 14;
-/// The largest radius, in diagonals of the scene: larger ones take more time. In small pictures, whose pixels are large, it
-/// is this number over the pixels along a side.
+/// The largest radius, in diagonals of the scene: larger ones take more time. The pixels of small pictures are larger; there,
+/// it is the second number over the pixels along a side.
 const LARGEST: f32 = 0.005;
 const LARGEST_OF_SIDE: f32 = 0.3;
+/// Rays that the path to a point takes, about.
+const RAYS_OF_POINT: u64 = 2;
 /// A cell of the highest level over one of the lowest: `LEVELS` of points.wesl.
-const CELL_RATIO: f32 = (1_u32 << 15) as f32;
+const CELL_RATIO: f32 = (1_u32 << 23) as f32;
 /// Samples over which the area of discs falls by a third at first. Then it falls as 1 / samples^(1/3), so that the bias and
 /// the noise fall at the same pace (Knaus and Zwicker, section 4, alpha = 2/3).
 const SAMPLES_OF_FIRST: f32 = 16.0;
@@ -38,7 +40,7 @@ const SAMPLES_OF_FIRST: f32 = 16.0;
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct Round {
-    coarse: f32,
+    first_point: u32,
     head_mask: u32,
     quads: u32,
     points: u32,
@@ -141,45 +143,56 @@ impl Merging {
         self.capacity / quads(tile.size)
     }
 
-    /// Finds the points of `samples` samples of a tile's pixels, from `first_sample` on.
+    /// Points of a round of `samples` samples of a tile's pixels.
+    pub fn points_of_round(tile: &Tile, samples: u32) -> u32 {
+        quads(tile.size) * samples
+    }
+
+    /// Continues a round after `done` of its points, and traces no more than about `rays` rays; returns their number. The
+    /// last points make the grid. `first_sample` and `samples` are those of the round.
     pub fn begin(
         &self,
         gpu: &Gpu,
         scene: &GpuScene,
         tile: &Tile,
-        first_sample: u32,
-        samples: u32,
-    ) -> Result<(), GpuError> {
+        [first_sample, samples]: [u32; 2],
+        done: u32,
+        rays: u64,
+    ) -> Result<u32, GpuError> {
         let most = self.largest * scene.diagonal();
         let shrunk = (1.0 + first_sample as f32 / SAMPLES_OF_FIRST).powf(-1.0 / 6.0);
         let round = Round {
-            coarse: 2.0 * most,
+            first_point: done,
             head_mask: self.heads - 1,
             quads: quads(tile.size),
-            points: quads(tile.size) * samples,
+            points: Self::points_of_round(tile, samples),
             first_sample,
             radius: self.radius * shrunk,
             most,
             cell: 2.0 * most / CELL_RATIO,
         };
+        let left = round.points - done;
+        let points = u64::from(left).min((rays / RAYS_OF_POINT).max(1)) as u32;
         gpu.write(&self.points, 0, std::slice::from_ref(&round));
         let mut frame = Frame::new(gpu, false);
-        let grids = COARSE_BYTES + u64::from(self.heads) * 4;
-        frame.clear_range(&self.points, HEADER_BYTES..HEADER_BYTES + grids);
         frame.compute("photons.follow", |pass| {
             let groups = [
                 (0, &scene.ray_bind_group),
                 (1, &self.of_eye),
                 (2, &self.of_follow),
             ];
-            self.follow.dispatch(pass, &groups, [round.points, 1, 1]);
+            self.follow.dispatch(pass, &groups, [points, 1, 1]);
         });
-        frame.compute("photons.link", |pass| {
-            self.link
-                .dispatch(pass, &[(2, &self.of_link)], [round.points, 1, 1]);
-        });
+        if points == left {
+            let grids = COARSE_BYTES + u64::from(self.heads) * 4;
+            frame.clear_range(&self.points, HEADER_BYTES..HEADER_BYTES + grids);
+            frame.compute("photons.link", |pass| {
+                let all = [round.points, 1, 1];
+                self.link.dispatch(pass, &[(2, &self.of_link)], all);
+            });
+        }
         frame.submit()?;
-        Ok(())
+        Ok(points)
     }
 }
 
