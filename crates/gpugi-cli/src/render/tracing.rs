@@ -4,7 +4,6 @@ use gpugi::default_set::StillPicture;
 use gpugi::picture::Effects;
 use gpugi::reference;
 use gpugi_arguments::split_settings;
-use gpugi_scene::Scene;
 
 use super::{Arguments, PATH_TRACER_SAMPLES, is_path_tracer, path_tracer_settings};
 use crate::Usage;
@@ -20,13 +19,12 @@ pub(super) struct Tracing {
 }
 
 /// How the path tracer makes the picture, if it does: because it was named, or because it makes still pictures on this
-/// adapter, finds what the techniques find, and no option asks for something of techniques. Only filtered it has less error than
-/// these, so radiance that is not to be filtered is theirs, too.
+/// adapter and no option asks for something of techniques. Only filtered it has less error than these, so radiance that is
+/// not to be filtered is theirs, too.
 pub(super) fn path_tracing(
     arguments: &Arguments,
     format: Format,
     effects: &Effects,
-    scene: &Scene,
     still: StillPicture,
 ) -> anyhow::Result<Option<Tracing>> {
     let picture = &arguments.picture;
@@ -39,9 +37,6 @@ pub(super) fn path_tracing(
         }));
     }
     let settings = split_settings(&picture.set)?;
-    let left_out = reference::left_out(scene, &reference::Settings::default());
-    // In media it lacks more, but much less than the techniques (docs/equal-time.md).
-    let lacks_light = scene.media.is_empty() && !left_out.is_empty();
     let is_of_techniques = |[technique, _, _]: &[&str; 3]| *technique != reference::INFO.name;
     let is_denoised = arguments.denoise || format == Format::Png;
     let asks_for_techniques = !picture.technique.is_empty()
@@ -51,7 +46,7 @@ pub(super) fn path_tracing(
         || effects.flare.strength > 0.0
         || settings.iter().any(is_of_techniques);
     match still {
-        StillPicture::PathTracer { samples, noise } if !asks_for_techniques && !lacks_light => {
+        StillPicture::PathTracer { samples, noise } if !asks_for_techniques => {
             let mut settings = path_tracer_settings(&picture.set)?;
             if settings.noise == 0.0 && arguments.samples.is_none() {
                 settings.noise = noise;
@@ -91,16 +86,8 @@ mod tests {
 
     /// What makes a picture by these options, written into a file with this extension.
     fn tracing(extension: &str, options: &[&str]) -> anyhow::Result<Option<Tracing>> {
-        tracing_of("cornell", extension, options)
-    }
-
-    fn tracing_of(
-        scene: &str,
-        extension: &str,
-        options: &[&str],
-    ) -> anyhow::Result<Option<Tracing>> {
         let output = format!("picture.{extension}");
-        let line = [&["render", scene, "-o", &output][..], options].concat();
+        let line = [&["render", "cornell", "-o", &output][..], options].concat();
         let arguments = Line::try_parse_from(line)?.arguments;
         let format = output::format(&arguments.output)?;
         let picture = &arguments.picture;
@@ -111,8 +98,7 @@ mod tests {
             samples: 512,
             noise: 2e-4,
         };
-        let scene = gpugi_scene::builtin::builtin(scene, 1).expect("a scene");
-        path_tracing(&arguments, format, &effects, &scene, still)
+        path_tracing(&arguments, format, &effects, still)
     }
 
     #[test]
@@ -137,11 +123,6 @@ mod tests {
             assert!(tracing("png", options).unwrap().is_none(), "{options:?}");
         }
         assert!(tracing("exr", &[]).unwrap().is_none());
-        // Its mirror shows caustics of the spot.
-        for (scene, is_traced) in [("room", false), ("spheres", true), ("fog-room", true)] {
-            let traced = tracing_of(scene, "png", &[]).unwrap();
-            assert_eq!(traced.is_some(), is_traced, "{scene}");
-        }
         for refused in ["--denoise", "--aov=variance"] {
             assert!(tracing("png", &["--technique", "default", refused]).is_err());
         }
