@@ -205,7 +205,7 @@ pub fn measure(
     };
     let mut truth = trace(gpu, &subject, &parts, options, report)?;
     let mut notes = std::mem::take(&mut truth.notes);
-    let caustics = LightPaths::new(LightClass::Punctual, "LS.*[DG].*E");
+    let caustics = LightPaths::new(LightClass::Punctual, "LS.*[DGV].*E");
     let left_out = reference::left_out(scene, &reference::Settings::default());
     if !left_out.is_empty()
         && let Some((_, path)) = overlap(&covered, &[caustics])

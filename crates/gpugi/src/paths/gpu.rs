@@ -23,7 +23,8 @@ pub(crate) struct Parameters {
     pub solids: [u32; 4],
     pub first_remembered: u32,
     pub places_of_block: u32,
-    pub padding: [u32; 2],
+    pub near_light: f32,
+    pub padding: u32,
 }
 
 /// `Lens` of paths/lens.wesl.

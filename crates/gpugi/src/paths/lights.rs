@@ -41,7 +41,7 @@ const NONE: u32 = u32::MAX;
 
 const TWO_SIDED: u32 = 1;
 const TEXTURED: u32 = 2;
-/// The light tracer finds this triangle's paths LS.*DE.
+/// The light tracer finds this triangle's paths LS.*[DV]E.
 pub const LIGHT_TRACED: u32 = 4;
 
 /// The lights of a scene, ready for upload.

@@ -33,7 +33,7 @@ pub(crate) fn has_straight(scene: &Scene) -> bool {
 }
 
 /// Rows of 16 bytes per path in `rows` of pool.wesl, excluding the results.
-pub(crate) const PATH_ROWS: u64 = 14;
+pub(crate) const PATH_ROWS: u64 = 16;
 
 /// The kernels of a step: `plan` (one lane, which counts paths and rays), `trace` (the shadow rays of the step before, and
 /// the paths' rays) and `shade` (the vertices; lists the paths and shadow rays to continue with).

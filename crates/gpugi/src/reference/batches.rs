@@ -155,6 +155,7 @@ impl PathTracer {
             sky_probability: self.lit.table.sky_probability,
             emission_classes: self.emission_classes,
             solids: self.around_eye,
+            near_light: self.scene.shortest_free_path(),
             ..bytemuck::Zeroable::zeroed()
         };
         self.gpu

@@ -37,7 +37,7 @@ use gpugi_scene::{Camera, Lens, Scene};
 
 use crate::capture::View;
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
-use crate::light_paths::{LightClass, LightPaths};
+use crate::light_paths::{self, LightClass, LightPaths};
 use crate::lighting::LightingError;
 use crate::paths::gpu::{EyeUniform, Parameters, ThinLensUniform};
 use crate::paths::{LightBuffers, Sky, has_straight};
@@ -160,22 +160,33 @@ pub struct PathTracer {
     rate: f64,
 }
 
-/// Light of `scene` that its pictures lack: a few words each.
+/// Light of `scene` that its pictures lack, if any: a few words for each class of lights, with a shortest path.
 pub fn left_out(scene: &Scene, settings: &Settings) -> Vec<String> {
-    let counts = |classes: Vec<LightClass>| classes.contains(&LightClass::Punctual);
-    let has_punctual = !scene.lights.is_empty() && settings.classes().is_ok_and(counts);
-    if !has_punctual || !has_smooth_objects(scene) {
-        return Vec::new();
-    }
-    let caustics = "caustics of points, spots and directions";
-    if !scene.media.is_empty() {
-        // Photons do not know media.
-        vec![caustics.to_owned()]
-    } else if settings.merge_radius == 0.0 {
-        vec![format!("{caustics} where mirrors and glass show them")]
-    } else {
-        Vec::new()
-    }
+    let mut present = settings.classes().unwrap_or_default();
+    present.retain(|class| *class != LightClass::Punctual || !scene.lights.is_empty());
+    let specular = has_smooth_objects(scene).then_some('S');
+    let medium = (!scene.media.is_empty()).then_some('V');
+    let lobes: String = "DG".chars().chain(specular).chain(medium).collect();
+    light_paths::left_out(&found(settings), &present, &lobes)
+}
+
+/// The light paths that it finds, or by which no light comes: mirrors show nothing of a light without extent.
+fn found(settings: &Settings) -> Vec<LightPaths> {
+    let of_eye = [
+        LightPaths::new(LightClass::Punctual, "L([DGV].*|S*)E"),
+        LightPaths::new(LightClass::Area, "L.*E"),
+        LightPaths::new(LightClass::Environment, "L.*E"),
+    ];
+    let merged = match settings.merge_radius > 0.0 {
+        true => &photons::MERGED[..],
+        false => &[],
+    };
+    of_eye
+        .iter()
+        .chain(&photons::SPLATTED)
+        .chain(merged)
+        .cloned()
+        .collect()
 }
 
 impl PathTracer {
@@ -231,8 +242,6 @@ impl PathTracer {
             }
             _ => Sky::none(),
         };
-        // Photons do not know media.
-        let has_photons = has_photons && scene.media.is_empty();
         let of_settings = (settings, &classes[..]);
         let lit = Lit::new(&on_gpu, of_settings, sky.luminance, has_photons);
         let lights = LightBuffers::new(gpu, &lit.table, sky.upload(gpu)?)?;
@@ -250,6 +259,7 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
+        constants.push(on_gpu.media_constant());
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let view = uniform("path-tracer.view", size_of::<EyeUniform>() as u64)?;
         let parameters = uniform(
@@ -271,7 +281,6 @@ impl PathTracer {
         // Whatever paths are kept, so that parts of the light take the same paths as all light.
         let may_merge = settings.merge_radius > 0.0;
         constants.push(("LIGHT_TRACER_MERGES", flag(may_merge)));
-        constants.push(on_gpu.media_constant());
         let of_film = KernelOptions {
             constants: &[("HAS_LIGHT_TRACER", flag(photons.is_some()))],
             ..Default::default()

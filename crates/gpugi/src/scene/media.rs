@@ -145,6 +145,16 @@ pub(super) fn density_words(media: &[Medium]) -> Vec<u32> {
     words
 }
 
+/// The largest density of each medium.
+pub(super) fn densest(media: &[Medium]) -> Vec<f32> {
+    let (grids, of_medium) = grids(media);
+    let largest = grids
+        .iter()
+        .map(|grid| grid.values.iter().copied().fold(0.0, f32::max));
+    let largest: Vec<f32> = largest.collect();
+    of_medium.into_iter().map(|grid| largest[grid]).collect()
+}
+
 /// The first 24 words of a medium.
 fn parameters(medium: &Medium, bounds: &Bounds) -> [u32; 24] {
     // The shader's box spans 0 to 1. Where there is no volume to fill, all points are outside of it.

@@ -318,6 +318,13 @@ impl GpuScene {
         ("HAS_MEDIA", f64::from(u8::from(!self.media.is_empty())))
     }
 
+    /// Mean free path of light where all media are as dense as anywhere (m); very large without media.
+    pub(crate) fn shortest_free_path(&self) -> f32 {
+        let media = self.media.iter().zip(&self.tables.densest);
+        let extinctions = media.map(|(medium, densest)| medium.extinction.max_element() * densest);
+        (1.0 / extinctions.sum::<f32>()).min(1e15)
+    }
+
     /// For what shaders that trace rays are compiled: whether light passes through any surface, where alpha cuts it out
     /// and by transmission, and whether any instance is a sphere.
     pub fn ray_features(&self) -> [bool; 3] {

@@ -7,7 +7,7 @@ use gpugi_scene::{Bounds, Medium, Scene};
 
 use super::gpu;
 use super::images::ImageArrays;
-use super::media::{density_words, medium_words};
+use super::media::{densest, density_words, medium_words};
 use super::rows::{TEXTURE_SLOTS, material_row};
 use crate::gpu::{Gpu, GpuError};
 
@@ -17,6 +17,8 @@ pub(super) struct Tables {
     pub buffer: wgpu::Buffer,
     /// What the buffer has, to be written by [`Tables::write_instances`] once changed.
     pub instances: Vec<gpu::Instance>,
+    /// The largest density of each medium.
+    pub densest: Vec<f32>,
     material_count: usize,
 }
 
@@ -44,6 +46,7 @@ impl Tables {
         Ok(Self {
             buffer: gpu.storage("scene tables [bytes]", &tables)?,
             instances,
+            densest: densest(media),
             material_count: materials.len(),
         })
     }

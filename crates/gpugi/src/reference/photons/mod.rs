@@ -1,8 +1,9 @@
 //! The light tracer adds to the path tracer's picture the caustics that no path from the eye finds, or finds only by
-//! chance: paths `LS.*[DG]E` of points, spots and directions, and `LS.*DE` of the lamps that `mark_lamps` chooses.
+//! chance: paths `LS.*[DGV]E` of points, spots and directions, and `LS.*[DV]E` of the lamps that `mark_lamps` chooses.
 //! Photons leave the lights toward objects with ideal lobes, and are splatted onto the image at every diffuse or glossy
-//! lobe that they meet. Where mirrors or glass show such lobes to the eye, they are merged with what it sees there
-//! (`merging`): paths `LS.*[DG].*SE` of points, spots and directions, and `LS.*D(G|S)*SE` of those lamps.
+//! lobe that they meet, and where media scatter them. Where mirrors or glass show such places to the eye, they are merged
+//! with what it sees there (`merging`): paths `LS.*[DGV].*SE` of points, spots and directions, and `LS.*[DV](G|S)*SE` of
+//! those lamps.
 //!
 //! The path tracer leaves exactly these paths out, so each path is found once.
 
@@ -28,13 +29,13 @@ use merging::Merging;
 
 /// Paths that the light tracer finds, and the path tracer leaves out. The environment is the path tracer's.
 pub(super) const SPLATTED: [LightPaths; 2] = [
-    LightPaths::new(LightClass::Punctual, "LS.*[DG]E"),
-    LightPaths::new(LightClass::Area, "LS.*DE"),
+    LightPaths::new(LightClass::Punctual, "LS.*[DGV]E"),
+    LightPaths::new(LightClass::Area, "LS.*[DV]E"),
 ];
 /// Those that it finds by merging: of lamps, only where each G is narrow.
-const MERGED: [LightPaths; 2] = [
-    LightPaths::new(LightClass::Punctual, "LS.*[DG].*SE"),
-    LightPaths::new(LightClass::Area, "LS.*D[GS]*SE"),
+pub(super) const MERGED: [LightPaths; 2] = [
+    LightPaths::new(LightClass::Punctual, "LS.*[DGV].*SE"),
+    LightPaths::new(LightClass::Area, "LS.*[DV][GS]*SE"),
 ];
 
 /// Bytes per pixel of an image.
@@ -77,6 +78,8 @@ struct Emission {
     per_sample: u32,
     first_joint: u32,
     eye_states: u32,
+    near_eye: f32,
+    padding: [u32; 3],
 }
 
 /// `Settings` of reference/photons/resolve.wesl.
@@ -392,6 +395,8 @@ impl Photons {
             per_sample: self.per_sample() as u32,
             first_joint: self.joint[0],
             eye_states: self.joint[1],
+            near_eye: scene.shortest_free_path(),
+            padding: [0; 3],
         };
         gpu.write(&self.emission, 0, std::slice::from_ref(&emission));
         let mut frame = Frame::new(gpu, false);

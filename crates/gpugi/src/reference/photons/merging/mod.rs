@@ -1,5 +1,5 @@
 //! What mirrors and glass show of caustics of lights without extent, and of the light that these throw on: paths
-//! `LS.*[DG].*SE`. Rays from the eye never find the light there, and photons never the eye. So the eye is followed through
+//! `LS.*[DGV].*SE`. Rays from the eye never find the light there, and photons never the eye. So the eye is followed through
 //! mirrors and glass to a point of a surface, and photons that land within a disc around the point light it: stochastic
 //! progressive photon mapping (Hachisuka and Jensen 2009), in the form of Knaus and Zwicker, "Progressive photon mapping:
 //! a probabilistic approach" (2011), whose discs shrink from sample to sample without statistics.
