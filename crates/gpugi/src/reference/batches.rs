@@ -155,7 +155,7 @@ impl PathTracer {
             sky_probability: self.lit.table.sky_probability,
             emission_classes: self.emission_classes,
             solids: self.around_eye,
-            near_light: self.scene.shortest_free_path(),
+            near_light: self.scene.near_in_media(),
             ..bytemuck::Zeroable::zeroed()
         };
         self.gpu

@@ -309,6 +309,125 @@ fn light_scattered_once_is_its_closed_form() {
     }
 }
 
+/// Light of a point or a spot in fog, scattered once: the integral along a ray of albedo sigma p I / d^2 e^(-sigma (t + d)).
+/// With a mean free path of 1 m, half of it comes from points near the light.
+#[test]
+fn light_of_a_point_scattered_once_is_its_integral() {
+    let Some(gpu) = test_gpu() else { return };
+    let (sigma, albedo, g) = (1.0_f64, 0.8_f64, 0.4_f64);
+    let at = vec3(0.3, 0.2, -0.5);
+    let inner_outer = [0.5_f32, 0.7];
+    let spot = LightKind::Spot {
+        inner_cone_angle: inner_outer[0],
+        outer_cone_angle: inner_outer[1],
+    };
+    for kind in [LightKind::Point, spot] {
+        let is_spot = kind != LightKind::Point;
+        let fog = Medium {
+            albedo: Vec3::splat(albedo as f32),
+            phase: PhaseFunction::HenyeyGreenstein(g as f32),
+            ..absorber(Vec3::splat(sigma as f32), vec3(9.0, 9.0, 8.0))
+        };
+        let mut scene = scene(None, vec![fog]);
+        let light = Light::new("light", kind, Vec3::splat(2.0));
+        scene.lights = vec![light.aimed(at, vec3(0.0, 0.0, 0.5))];
+        let axis = (vec3(0.0, 0.0, 0.5) - at).normalize().as_dvec3();
+        let [inner, outer] = inner_outer.map(|angle| f64::from(angle).cos());
+        // The camera looks along -z, from 5 m; the fog begins at z = 4.
+        let steps = 20_000;
+        let expected: f64 = (0..steps)
+            .map(|step| {
+                let t = 8.0 * (f64::from(step) + 0.5) / f64::from(steps);
+                let away = glam::dvec3(0.0, 0.0, 4.0 - t) - at.as_dvec3();
+                let d = away.length();
+                // The path goes on along -z; the light comes from `away`.
+                let cosine = away.z / d;
+                let phase = (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cosine).powf(1.5));
+                let cone = ((away.dot(axis) / d - outer) / (inner - outer)).clamp(0.0, 1.0);
+                let intensity = 2.0 * if is_spot { cone * cone } else { 1.0 };
+                albedo * sigma * phase * intensity / (d * d) * (-sigma * (t + d)).exp() * 8.0
+                    / f64::from(steps)
+            })
+            .sum();
+        let once = Settings {
+            paths: "LVE".to_owned(),
+            ..Settings::default()
+        };
+        let found = mean(&gpu, &scene, vec3(0.0, 0.0, 5.0), 256, &once);
+        assert_near("LVE", found, [expected; 3], 3e-3);
+    }
+}
+
+/// The light around a point source in a medium without bounds that scatters isotropically. Case and Zweifel 1967: in mean
+/// free paths, with G(k) = atan(k) / k, light scattered more than once has the fluence
+///   1 / (2 pi^2 r) integral of albedo^2 G^3 / (1 - albedo G) k sin(k r) dk,
+/// and that scattered once, in spheroidal coordinates around both points, albedo / (4 pi r) integral from 1 of
+///   e^(-r x) / x ln((x + 1) / (x - 1)) dx.
+#[test]
+fn the_light_around_a_point_is_that_of_transport_theory() {
+    let Some(gpu) = test_gpu() else { return };
+    let (albedo, r) = (0.7_f64, 1.5_f64);
+    let steps = 400_000;
+    let more: f64 = (0..steps)
+        .map(|step| {
+            let k = (f64::from(step) + 0.5) * 0.005;
+            let g = k.atan() / k;
+            albedo * albedo * g.powi(3) / (1.0 - albedo * g) * k * (k * r).sin() * 0.005
+        })
+        .sum();
+    let once: f64 = (0..100_000)
+        .map(|step| {
+            // x = 1 + u^2, because of the pole of the logarithm.
+            let u = (f64::from(step) + 0.5) * 1e-4;
+            let x = 1.0 + u * u;
+            (-r * x).exp() / x * ((x + 1.0) / (x - 1.0)).ln() * 2.0 * u * 1e-4
+        })
+        .sum();
+    // Of a source of 1 W/sr, which sends 4 pi W.
+    let expected = 4.0 * PI * (more / (2.0 * PI * PI * r) + albedo * once / (4.0 * PI * r));
+    let fog = Medium {
+        world_from_box: None,
+        albedo: Vec3::splat(albedo as f32),
+        ..absorber(Vec3::ONE, Vec3::ONE)
+    };
+    let mut scene = scene(None, vec![fog]);
+    scene.lights = vec![Light::new("source", LightKind::Point, Vec3::ONE)];
+    let settings = Settings::default();
+    let mut tracer = PathTracer::new(&gpu, &scene, [SIDE; 2], &settings).unwrap();
+    let eye = vec3(0.0, 0.0, r as f32);
+    // The faces of a cube around the eye: toward the source, to a side, and away.
+    let faces = [(Vec3::NEG_Z, 1.0), (Vec3::X, 4.0), (Vec3::Z, 1.0)];
+    let (mut fluence, mut variance) = (0.0, 0.0);
+    for (toward, count) in faces {
+        let camera = Camera::look_at("", eye, eye + toward, PI as f32 / 2.0);
+        let of_seeds = [1, 2, 3, 4].map(|seed| {
+            tracer.restart(seed).unwrap();
+            let mut on = |_: &_| ControlFlow::Continue(());
+            tracer.render(&camera, 64, &mut on).unwrap();
+            let picture = tracer.radiance().unwrap();
+            let side = f64::from(SIDE);
+            let of_pixel = (0..SIDE * SIDE).map(|at| {
+                let [x, y] =
+                    [at % SIDE, at / SIDE].map(|k| (f64::from(k) + 0.5) / side * 2.0 - 1.0);
+                let solid_angle = 4.0 / (side * side) / (1.0 + x * x + y * y).powf(1.5);
+                f64::from(picture[3 * at as usize]) * solid_angle
+            });
+            count * of_pixel.sum::<f64>()
+        });
+        let mean = of_seeds.iter().sum::<f64>() / 4.0;
+        let squares: f64 = of_seeds.iter().map(|value| (value - mean).powi(2)).sum();
+        fluence += mean;
+        variance += squares / 12.0;
+    }
+    let error = variance.sqrt();
+    println!("fluence {fluence} +- {error}, expected {expected}");
+    assert!(error < 0.02 * expected, "error {error}");
+    assert!(
+        (fluence - expected).abs() < 3.5 * error + 2e-3 * expected,
+        "{fluence} +- {error}, not {expected}"
+    );
+}
+
 /// Chandrasekhar 1950, section 32: a half space that scatters isotropically reflects
 /// albedo E / (4 pi) mu0 / (mu + mu0) H(mu) H(mu0), where 1 / H(mu) = sqrt(1 - albedo) + albedo / 2 integral over mu' of
 /// mu' H(mu') / (mu + mu').

@@ -318,11 +318,19 @@ impl GpuScene {
         ("HAS_MEDIA", f64::from(u8::from(!self.media.is_empty())))
     }
 
-    /// Mean free path of light where all media are as dense as anywhere (m); very large without media.
-    pub(crate) fn shortest_free_path(&self) -> f32 {
+    /// Distance of lights and of the eye up to which paths look for them in media, because points where media scatter by
+    /// chance would find them with much noise (m): the mean free path of light where all media are as dense as anywhere,
+    /// but no more than the scene's extent.
+    pub(crate) fn near_in_media(&self) -> f32 {
         let media = self.media.iter().zip(&self.tables.densest);
         let extinctions = media.map(|(medium, densest)| medium.extinction.max_element() * densest);
-        (1.0 / extinctions.sum::<f32>()).min(1e15)
+        let free_path = (1.0 / extinctions.sum::<f32>()).min(1e15);
+        let boxes = self.media.iter().filter_map(Medium::bounds);
+        let extent = boxes.fold(self.bounds, Bounds::union).diagonal();
+        match extent > 0.0 && extent.is_finite() {
+            true => free_path.min(extent),
+            false => free_path,
+        }
     }
 
     /// For what shaders that trace rays are compiled: whether light passes through any surface, where alpha cuts it out

@@ -10,6 +10,8 @@
 mod aims;
 #[cfg(test)]
 mod aims_tests;
+#[cfg(test)]
+mod media_tests;
 mod merging;
 #[cfg(test)]
 mod tests;
@@ -395,7 +397,7 @@ impl Photons {
             per_sample: self.per_sample() as u32,
             first_joint: self.joint[0],
             eye_states: self.joint[1],
-            near_eye: scene.shortest_free_path(),
+            near_eye: scene.near_in_media(),
             padding: [0; 3],
         };
         gpu.write(&self.emission, 0, std::slice::from_ref(&emission));

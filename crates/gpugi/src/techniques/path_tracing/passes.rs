@@ -258,7 +258,7 @@ impl Passes {
                 emission_classes: 3,
                 first_remembered: count * BLOCK * BLOCK * settings.samples,
                 places_of_block,
-                near_light: scene.shortest_free_path(),
+                near_light: scene.near_in_media(),
                 ..Parameters::zeroed()
             };
             let parameters = gpu.constant("path-tracing.settings", &parameters)?;
