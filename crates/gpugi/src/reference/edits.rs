@@ -80,10 +80,11 @@ impl PathTracer {
         }
     }
 
-    /// Whether the kernels know of lights as they are now. Those that look for lamps in caustics and for photons serve
-    /// scenes that have none, too.
+    /// Whether the kernels know of lights as they are now. Those that look for lamps in caustics, for points
+    /// in media and for photons serve scenes that have none, too.
     fn has_kernels_for_lights(&self) -> bool {
         (self.looks_for_lamps || !self.lit.has_lamps)
+            && (self.looks_in_media || !self.scene.has_lit_media())
             && (self.photons.is_some() || self.lit.aims.is_none())
     }
 

@@ -131,6 +131,8 @@ pub struct PathTracer {
     lights: LightBuffers,
     /// Whether the kernels leave light of lamps to the light tracer.
     looks_for_lamps: bool,
+    /// Whether they look for points and spots in media.
+    looks_in_media: bool,
     /// Which emission may end a path: bit 0 for surfaces, bit 1 for the sky.
     emission_classes: u32,
     /// Materials of the solids that contain the eye, innermost first.
@@ -259,7 +261,7 @@ impl PathTracer {
             ),
         ];
         constants.extend(on_gpu.ray_constants());
-        constants.push(on_gpu.media_constant());
+        constants.extend(on_gpu.tracking_constants());
         let uniform = |label, bytes| gpu.buffer(label, bytes, wgpu::BufferUsages::UNIFORM);
         let view = uniform("path-tracer.view", size_of::<EyeUniform>() as u64)?;
         let parameters = uniform(
@@ -278,6 +280,8 @@ impl PathTracer {
             .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
+        let looks_in_media = on_gpu.has_lit_media();
+        constants.push(("HAS_LIT_MEDIA", flag(looks_in_media)));
         // Whatever paths are kept, so that parts of the light take the same paths as all light.
         let may_merge = settings.merge_radius > 0.0;
         constants.push(("LIGHT_TRACER_MERGES", flag(may_merge)));
@@ -307,6 +311,7 @@ impl PathTracer {
             tiles: Vec::new(),
             tile_side,
             looks_for_lamps: lit.has_lamps,
+            looks_in_media,
             lit,
             lights,
             emission_classes: u32::from(classes.contains(&LightClass::Area))

@@ -19,6 +19,7 @@ const MEAN_CELLS: u32 = 16;
 /// Flags of a medium in scene/media.wesl.
 const EVERYWHERE: u32 = 1;
 const CORNETTE_SHANKS: u32 = 2;
+const EVEN: u32 = 4;
 /// Largest |g|. Beyond, all light goes on straight, as far as 32-bit floats can tell.
 const MAX_ASYMMETRY: f32 = 0.999;
 
@@ -145,6 +146,14 @@ pub(super) fn density_words(media: &[Medium]) -> Vec<u32> {
     words
 }
 
+/// Whether a medium has one density in its box.
+pub(super) fn is_even(medium: &Medium) -> bool {
+    match &medium.density {
+        Some(density) => density.size == [1; 3],
+        None => true,
+    }
+}
+
 /// The largest density of each medium.
 pub(super) fn densest(media: &[Medium]) -> Vec<f32> {
     let (grids, of_medium) = grids(media);
@@ -185,7 +194,7 @@ fn parameters(medium: &Medium, bounds: &Bounds) -> [u32; 24] {
     }
     let bits = |vector: Vec3| vector.to_array().map(f32::to_bits);
     words[12..15].copy_from_slice(&bits(medium.extinction));
-    words[15] = everywhere | kind;
+    words[15] = everywhere | kind | if is_even(medium) { EVEN } else { 0 };
     words[16..19].copy_from_slice(&bits(medium.albedo));
     words[19] = g.clamp(-MAX_ASYMMETRY, MAX_ASYMMETRY).to_bits();
     words[20..23].copy_from_slice(&bits(medium.emission));

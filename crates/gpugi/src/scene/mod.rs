@@ -32,7 +32,7 @@ mod versions;
 
 use std::sync::Arc;
 
-use gpugi_scene::{AlphaMode, Bounds, Environment, Light, Medium, Scene};
+use gpugi_scene::{AlphaMode, Bounds, Environment, Light, LightKind, Medium, Scene};
 
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Shader};
 use crate::light_paths::LightClass;
@@ -316,6 +316,21 @@ impl GpuScene {
     /// Pipeline constant of shaders that look up the transmittance of media (scene/media.wesl).
     pub(crate) fn media_constant(&self) -> (&'static str, f64) {
         ("HAS_MEDIA", f64::from(u8::from(!self.media.is_empty())))
+    }
+
+    /// Pipeline constants of shaders that draw random paths through media (scene/media_tracking.wesl).
+    pub(crate) fn tracking_constants(&self) -> [(&'static str, f64); 2] {
+        let has_uneven = !self.media.iter().all(media::is_even);
+        [
+            self.media_constant(),
+            ("HAS_UNEVEN_MEDIA", f64::from(u8::from(has_uneven))),
+        ]
+    }
+
+    /// Whether paths look in media for lights near them (paths/in_scattering.wesl): there are points or spots.
+    pub(crate) fn has_lit_media(&self) -> bool {
+        let is_near = |light: &Light| light.kind != LightKind::Directional;
+        !self.media.is_empty() && self.lights.iter().any(is_near)
     }
 
     /// Distance of lights and of the eye up to which paths look for them in media, because points where media scatter by

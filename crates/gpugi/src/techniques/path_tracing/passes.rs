@@ -53,8 +53,9 @@ impl Constants {
             ("HAS_KNOWN_LIGHT", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
             ("LIGHT_TRACER_MERGES", 0.0),
-            scene.media_constant(),
+            ("HAS_LIT_MEDIA", flag(scene.has_lit_media())),
         ];
+        values.extend(scene.tracking_constants());
         values.extend(scene.ray_constants());
         Self {
             values,
@@ -147,7 +148,13 @@ impl Passes {
         let of_vertices = constants.values.iter().copied();
         let constants_of_vertices: Vec<_> = of_vertices
             .filter(|(name, _)| {
-                !["SCENE_HAS_ALPHA", "SCENE_HAS_SPHERES", "HAS_MEDIA"].contains(name)
+                ![
+                    "SCENE_HAS_ALPHA",
+                    "SCENE_HAS_SPHERES",
+                    "HAS_MEDIA",
+                    "HAS_UNEVEN_MEDIA",
+                ]
+                .contains(name)
             })
             .collect();
         let of_vertices = KernelOptions {
