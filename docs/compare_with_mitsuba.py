@@ -78,8 +78,8 @@ CLOUD_ALBEDO = np.array([0.99, 0.9, 0.7])
 FLOOR = quad((-3, -1.2, 3), (6, 0, 0), (0, 0, -6), (0.5, 0.5, 0.5))
 
 # camera: eye, target, vertical field of view [degrees]. lens: radius of its aperture, distance at which it sees
-# sharply [m]. sky: radiance of a constant environment. sun: direction of propagation, irradiance. glass: a box of
-# index 1.5.
+# sharply [m]. sky: radiance of a constant environment. sun: direction of propagation, irradiance. point: position,
+# intensity. glass: a box of index 1.5.
 SCENES = {
     # Scatters isotropically.
     "fog": {
@@ -112,6 +112,11 @@ SCENES = {
     "room": {
         "camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room(),
         "medium": medium(None, [0.5, 0.5, 0.8], [0.9, 0.9, 0.8], g=-0.3),
+    },
+    # The same with a point near the eye in place of the lamp.
+    "point": {
+        "camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room()[:-1], "point": ((0.2, 0.3, 0.1), (3, 2.5, 2)),
+        "medium": medium(None, [0.5, 0.5, 0.8], [0.9, 0.9, 0.8], g=0.4),
     },
     # No medium; a lens that sees the back of the room sharply, and one that sees what hangs before it.
     "far-lens": {"camera": ((0.3, 0.1, 0.95), (0, -0.1, -1), 70), "quads": room() + PANELS, "lens": (0.05, 1.9)},
@@ -214,6 +219,12 @@ def gltf(scene):
         matrix[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
         strength = max(irradiance)
         light = {"type": "directional", "color": [value / strength for value in irradiance], "intensity": strength}
+    if "point" in scene:
+        position, intensity = scene["point"]
+        matrix = place(position)
+        strength = max(intensity)
+        light = {"type": "point", "color": [value / strength for value in intensity], "intensity": strength}
+    if "sun" in scene or "point" in scene:
         document["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
         extensions.add("KHR_lights_punctual")
         nodes.append({"matrix": matrix.T.ravel().tolist(), "extensions": {"KHR_lights_punctual": {"light": 0}}})
@@ -251,6 +262,10 @@ def render_gpugi(scene, folder, options):
     eye, target, fov = scene["camera"]
     words = lambda vector: ",".join(str(value) for value in vector)
     camera = f"eye={words(eye)};target={words(target)};fov={fov}"
+    if "point" in scene:
+        position, intensity = scene["point"]
+        parts["point"] = {"type": "point", "position": position, "intensity": rgb(intensity),
+                          "medium": {"type": "ref", "id": "fog"}}
     if "lens" in scene:
         aperture, focus = scene["lens"]
         camera += f";aperture={aperture};focus={focus}"
@@ -329,6 +344,10 @@ def render_mitsuba(scene, options):
     if "sun" in scene:
         direction, irradiance = scene["sun"]
         parts["sun"] = {"type": "directional", "direction": direction, "irradiance": rgb(irradiance)}
+    if "point" in scene:
+        position, intensity = scene["point"]
+        parts["point"] = {"type": "point", "position": position, "intensity": rgb(intensity),
+                          "medium": {"type": "ref", "id": "fog"}}
     if "lens" in scene:
         aperture, focus = scene["lens"]
         parts["sensor"].update(type="thinlens", aperture_radius=aperture, focus_distance=focus)

@@ -182,8 +182,7 @@ fn smoke() -> Medium {
 fn smoke_dims_what_balls_throw_as_in_the_path_tracer() {
     let Some(gpu) = gpu() else { return };
     for (name, material) in [("glass", glass(1.5)), ("mirror", mirror())] {
-        // The path tracer does not follow photons through media, and finds large lamps only. The few points on such a
-        // lamp err in the same way with and without smoke.
+        // The few points on a large lamp err in the same way with and without smoke.
         let mut scene = ball_under_lamp(material, 2.5);
         let clear = floors(&gpu, &scene, 256, "96");
         scene.media.push(smoke());
