@@ -47,10 +47,10 @@ fn a_mirror_lights_fog_like_a_second_light() {
     place(&mut mirrored, floor.clone(), black.clone(), Vec3::ZERO);
     let mut second = lit_by(vec3(2.0, 0.5, 0.0), 0.8 * 3.0);
     place(&mut second, floor, black, Vec3::ZERO);
-    let camera = Camera::look_at("", vec3(-0.3, 1.5, 0.3), Vec3::ZERO, 0.5);
-    for camera in [camera, from_above(1.0, 1.5)] {
+    let camera = Camera::look_at("", vec3(-0.4, 2.0, 0.4), Vec3::ZERO, 0.4);
+    for camera in [camera, from_above(1.0, 2.0)] {
         let (expected, noise) = mean(&gpu, &second, &camera, &keeping("LVE"), 4, false);
-        let (value, error) = mean(&gpu, &mirrored, &camera, &keeping("LSVE"), 12, true);
+        let (value, error) = mean(&gpu, &mirrored, &camera, &keeping("LSVE"), 48, true);
         println!("{value} +- {error}, expected {expected} +- {noise}");
         let spread = noise.hypot(error);
         assert!(spread < 0.03 * expected, "{spread} of {expected}");
@@ -82,8 +82,8 @@ fn both_tracers_find_the_same_light_in_fog() {
     let below = Camera::look_at("", vec3(0.9, 0.6, 0.9), vec3(0.0, 0.1, 0.0), 0.5);
     let behind = Camera::look_at("", vec3(0.2, 0.5, 0.55), vec3(0.0, 0.35, 0.8), 0.9);
     for (camera, paths, samples, most) in [
-        (&below, "LS+VE", [8, 16], 0.05),
-        (&behind, "LS+VSE", [8, 16], 0.08),
+        (&below, "LS+VE", [32, 24], 0.05),
+        (&behind, "LS+VSE", [32, 24], 0.08),
     ] {
         let of = |samples, has_photons| {
             let settings = keeping(paths);
