@@ -262,10 +262,6 @@ def render_gpugi(scene, folder, options):
     eye, target, fov = scene["camera"]
     words = lambda vector: ",".join(str(value) for value in vector)
     camera = f"eye={words(eye)};target={words(target)};fov={fov}"
-    if "point" in scene:
-        position, intensity = scene["point"]
-        parts["point"] = {"type": "point", "position": position, "intensity": rgb(intensity),
-                          "medium": {"type": "ref", "id": "fog"}}
     if "lens" in scene:
         aperture, focus = scene["lens"]
         camera += f";aperture={aperture};focus={focus}"
