@@ -229,7 +229,7 @@ pub fn run(common: &Common, arguments: &Arguments) -> anyhow::Result<()> {
     interrupt::catch();
     // A PNG leaves the GPU as it is displayed.
     let shown = (format == Format::Png).then_some(&effects);
-    let still = StillPicture::on(&gpu.adapter);
+    let still = StillPicture::of(&scene, &gpu.adapter);
     let rendered = match path_tracing(arguments, format, &effects, still)? {
         Some(tracing) => render_reference(
             common, arguments, &tracing, &gpu, &scene, &camera, shown, &mut notes,

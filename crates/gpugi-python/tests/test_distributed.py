@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import gpugi
 import numpy as np
@@ -120,35 +121,31 @@ def test_workers_go_on_while_the_caller_is_busy(tmp_path: Path) -> None:
 
 def test_workers_that_are_killed_while_they_bake_lose_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     gpugi.bake("cornell", tmp_path / "plain.glb", **BAKE)
-    pools: list[distributed._Pool[bytes, bytes]] = []
-    chance = random.Random(1)
+    deaths = tmp_path / "deaths"
+    deaths.mkdir()
+    losses: list[int] = []
 
-    class Hunted(distributed._Pool):
-        """Loses a worker whenever one begins a task, until four are lost."""
+    class Mortal(distributed._Bake):
+        """Dies in the midst of its first task, or right after it, until four have died."""
 
-        def run(self, tasks: object, report: object) -> Iterator[tuple[int, bytes]]:
-            pools.append(self)
-            thread = threading.Thread(target=hunt, args=(self,))
-            thread.start()
-            try:
-                yield from super().run(tasks, report)
-            finally:
-                is_done.set()
-                thread.join()
+        def run(self, task: Any) -> Any:
+            if len(list(deaths.iterdir())) < 4:
+                (deaths / str(os.getpid())).touch()
+                threading.Timer(random.uniform(0.0, 1.0), os.kill, [os.getpid(), signal.SIGKILL]).start()
+                super().run(task)
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().run(task)
 
-    is_done = threading.Event()
+    class Counting(distributed._Pool):
+        def close(self) -> None:
+            losses.append(self.losses)
+            super().close()
 
-    def hunt(pool: distributed._Pool[bytes, bytes]) -> None:
-        while pool.losses < 4 and not is_done.is_set():
-            worker = chance.choice(pool.workers)
-            try:
-                os.kill(ray.get(worker.process.remote(), timeout=5), signal.SIGKILL)
-            except (ray.exceptions.RayError, ProcessLookupError):
-                pass
-
-    monkeypatch.setattr(distributed, "_Pool", Hunted)
+    monkeypatch.setattr(distributed, "_Bake", Mortal)
+    monkeypatch.setattr(distributed, "_Pool", Counting)
     distributed.bake("cornell", tmp_path / "shared.glb", workers=2, **BAKE)
-    assert pools[0].losses >= 1, "nobody was killed"
+    # Two of four die at the latest after others took the place of the first two.
+    assert losses[0] >= 2, "nobody took the place of the dead"
     assert (tmp_path / "plain.glb").read_bytes() == (tmp_path / "shared.glb").read_bytes()
 
 

@@ -12,7 +12,10 @@ use gpugi_scene::Scene;
 use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightPaths, overlap};
 use crate::lighting::LightingError;
-use crate::techniques::{Info, Occasion, Purpose, Registration, Registry, Role, Values};
+use crate::scene::stand_apart;
+use crate::techniques::{
+    Info, Occasion, Purpose, Registration, Registry, Role, Speed, Values,
+};
 
 /// A technique of a set.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,16 +91,20 @@ pub enum StillPicture {
 }
 
 impl StillPicture {
-    /// What has the least error for its time on this kind of adapter (docs/equal-time.md). On large GPUs the path tracer
-    /// has traced hundreds of samples before the maps of techniques are final; in software, maps are cheaper than rays.
-    /// Others were not measured: there it is the techniques.
-    pub fn on(adapter: &AdapterSummary) -> Self {
-        match adapter.device_type {
-            wgpu::DeviceType::DiscreteGpu => Self::PathTracer {
-                samples: 512,
-                noise: 2e-4,
-            },
-            _ => Self::Techniques,
+    /// What has the least error for its time in a scene, on this kind of adapter (docs/equal-time.md). On large GPUs the path
+    /// tracer has traced hundreds of samples before the maps of techniques are final. In software, maps are cheaper than
+    /// rays, but for fog around things, whose light techniques leave out in part. Others were not measured: there it is the
+    /// techniques.
+    pub fn of(scene: &Scene, adapter: &AdapterSummary) -> Self {
+        let is_foggy = !scene.media.is_empty() && !stand_apart(scene);
+        let samples = match Speed::of(adapter) {
+            Speed::Fast => 512,
+            Speed::Software if is_foggy => 64,
+            Speed::Software | Speed::Modest => return Self::Techniques,
+        };
+        Self::PathTracer {
+            samples,
+            noise: 2e-4,
         }
     }
 }

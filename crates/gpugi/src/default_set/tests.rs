@@ -117,6 +117,8 @@ fn live_views_trace_paths_where_that_wins() {
         ("glass-room", Some(&[CAUSTICS, paths])),
         ("room", Some(&[CAUSTICS, paths])),
         ("chamber", Some(&[paths])),
+        ("fog-room", Some(&[CAUSTICS, paths, MEDIA])),
+        ("cloud", None),
         ("station", None),
     ] {
         let scene = builtin(name, 1).unwrap();
@@ -328,19 +330,20 @@ fn final_gather_lights_what_takes_long_to_unwrap() {
 #[test]
 fn still_pictures_are_traced_where_that_was_measured_to_win() {
     let Some(gpu) = test_gpu() else { return };
-    let on = |device_type| {
-        StillPicture::on(&AdapterSummary {
+    let traces = |name, device_type| {
+        let adapter = AdapterSummary {
             device_type,
             ..gpu.adapter.clone()
-        })
+        };
+        let still = StillPicture::of(&builtin(name, 1).unwrap(), &adapter);
+        matches!(still, StillPicture::PathTracer { .. })
     };
-    let discrete = on(wgpu::DeviceType::DiscreteGpu);
-    assert!(matches!(discrete, StillPicture::PathTracer { .. }));
-    for other in [
-        wgpu::DeviceType::Cpu,
-        wgpu::DeviceType::IntegratedGpu,
-        wgpu::DeviceType::Other,
-    ] {
-        assert_eq!(on(other), StillPicture::Techniques, "{other:?}");
+    for name in ["cornell", "cloud", "fog-room"] {
+        assert!(traces(name, wgpu::DeviceType::DiscreteGpu), "{name}");
+        let in_software = traces(name, wgpu::DeviceType::Cpu);
+        assert_eq!(in_software, name == "fog-room", "{name}");
+        for other in [wgpu::DeviceType::IntegratedGpu, wgpu::DeviceType::Other] {
+            assert!(!traces(name, other), "{name}, {other:?}");
+        }
     }
 }

@@ -104,6 +104,12 @@ impl<'a> EarlierLight<'a> {
         }
     }
 
+    /// Whether any of it is drawn by chance for each point.
+    pub(crate) fn is_noisy(&self) -> bool {
+        let mut techniques = self.techniques.iter();
+        techniques.any(|technique| technique.info().is_noisy)
+    }
+
     /// Everything that it depends on.
     pub(crate) fn state(&self, scene: &GpuScene) -> LightState {
         LightState {

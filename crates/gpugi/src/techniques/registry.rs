@@ -39,17 +39,17 @@ impl Default for Registry {
         Self(vec![
             shadow_map::REGISTRATION,
             image_based_lighting::REGISTRATION,
-            participating_media::REGISTRATION,
             radiance_transfer::REGISTRATION,
             caustics::REGISTRATION,
             obscurances::REGISTRATION,
-            environment_map::REGISTRATION,
             light_path_map::REGISTRATION,
             radiosity::REGISTRATION,
             final_gather::REGISTRATION,
+            path_tracing::REGISTRATION,
+            participating_media::REGISTRATION,
+            environment_map::REGISTRATION,
             ray_tracing::REGISTRATION,
             distance_impostor::REGISTRATION,
-            path_tracing::REGISTRATION,
         ])
     }
 }

@@ -321,19 +321,28 @@ impl Technique for ParticipatingMedia {
             earlier.budget.count(rays);
             self.progress = 0;
         }
-        if let Some(reflecting) = lit.reflecting.as_ref().filter(|_| is_current) {
+        if let Some(reflecting) = lit.reflecting.as_mut().filter(|_| is_current) {
+            let is_noisy = earlier.light.is_noisy();
             lit.reflected.ask(earlier.light.state(scene));
+            let has_some = lit.reflected.begun().is_some();
             if !lit.reflected.is_current() {
                 // Without a budget, light that is not yet final is gathered once only.
                 let is_due = earlier.light.is_final || earlier.budget.is_limited();
-                is_current =
-                    lit.reflected.begun().is_none() || (is_due && earlier.budget.may_step());
+                is_current = !has_some || (is_due && earlier.budget.may_step());
+                if is_current {
+                    lit.reflected.begin();
+                    reflecting.begin();
+                }
             }
-            if is_current && !lit.reflected.is_current() {
-                reflecting.record(frame, scene, kernels, &lit.network, earlier)?;
-                lit.reflected.begin();
+            let is_due = !has_some || earlier.budget.may_step();
+            if is_current && is_due && !reflecting.is_done(is_noisy) {
+                // Light that is drawn by chance is gathered again anyway, so frames share it.
+                let is_whole = !has_some || !is_noisy || !earlier.budget.is_limited();
+                let network = (&*kernels, &lit.network);
+                reflecting.record(frame, scene, network, earlier, is_whole)?;
                 self.progress = 0;
             }
+            is_current &= reflecting.is_done(is_noisy);
         }
         let wanted = settings.iterations.min(most.saturating_sub(self.progress));
         let (network, progress) = (&mut lit.network, &mut self.progress);

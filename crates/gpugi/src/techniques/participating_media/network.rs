@@ -34,6 +34,7 @@ pub struct Kernels {
     visibility: Kernel,
     /// See [`super::reflecting`].
     pub reflecting: Kernel,
+    pub mean: Kernel,
     arriving: Kernel,
     emit: Kernel,
     sky: Kernel,
@@ -60,6 +61,7 @@ impl Kernels {
             },
             visibility: scene.ray_kernel(gpu, &visibility, &peeled)?,
             reflecting: tracing(shader!("techniques.participating_media.reflecting"))?,
+            mean: plain(shader!("techniques.participating_media.mean"))?,
             arriving: tracing(shader!("techniques.participating_media.arriving"))?,
             emit: in_scene(shader!("techniques.participating_media.emit"))?,
             sky: in_scene(shader!("techniques.participating_media.sky"))?,

@@ -17,6 +17,8 @@ pub struct Passes {
     direct: Option<Gather>,
     /// Adds the light of media on surfaces.
     surfaces: Option<Gather>,
+    /// Dims what is noisy behind media, in pictures that tell it.
+    dim_noise: Kernel,
 }
 
 /// The media of a network as they are seen.
@@ -25,8 +27,9 @@ pub struct SeenMedia {
     /// What each particle scatters toward the eye of the receiver at hand, and the field at the nodes.
     scattered: wgpu::Buffer,
     field: wgpu::Buffer,
-    /// The same points with a target of their own, for what is behind the media.
-    behind: PerReceiver<Receiver>,
+    /// Light of the same points behind the media, and what of it is noisy where a picture tells that.
+    behind: PerReceiver<wgpu::Buffer>,
+    noise_behind: PerReceiver<wgpu::Buffer>,
 }
 
 /// How media are seen.
@@ -51,6 +54,7 @@ impl Passes {
         let toward_eye = shader!("techniques.participating_media.toward_eye");
         let field = shader!("techniques.participating_media.field");
         let composite = shader!("techniques.participating_media.composite");
+        let dim_noise = shader!("techniques.participating_media.dim_noise");
         let direct = || {
             let shader = shader!("techniques.participating_media.direct");
             let constants = [
@@ -70,6 +74,7 @@ impl Passes {
             composite: Gather::new(gpu, scene, &composite, &[("STEPS", how.steps.into())])?,
             direct: how.has_marched_lights.then(direct).transpose()?,
             surfaces: (how.surface_rays > 0).then(surfaces).transpose()?,
+            dim_noise: Kernel::new(gpu, &dim_noise, "main", Some(&scene.layout))?,
         })
     }
 }
@@ -86,6 +91,7 @@ impl SeenMedia {
             scattered: rows("light scattered to the eye [bytes]", values.particles)?,
             field: rows("field of scattered radiance [bytes]", values.nodes)?,
             behind: PerReceiver::default(),
+            noise_behind: PerReceiver::default(),
         })
     }
 
@@ -100,12 +106,15 @@ impl SeenMedia {
     ) -> Result<Receiver, GpuError> {
         let behind = self.behind(frame.gpu, receiver)?;
         frame.clear(&behind.target.radiance);
+        if behind.target.is_noisy() {
+            frame.clear(&behind.target.noisy);
+        }
         Ok(behind)
     }
 
     /// Adds the light of media on surfaces to what was gathered since [`SeenMedia::begin`], and adds that to the receiver,
     /// dimmed, with what the media scatter and emit: passes `participating-media.surfaces`, `.toward-eye`, `.field`,
-    /// `.composite` and `.direct`.
+    /// `.composite`, `.direct` and, in pictures that tell what is noisy, `.dim-noise`.
     ///
     /// # Errors
     /// [`GpuError`].
@@ -146,18 +155,31 @@ impl SeenMedia {
             let name = "participating-media.direct";
             direct.record(frame, name, scene, receiver, &resources)?;
         }
+        if receiver.target.is_noisy() {
+            let name = "participating-media.dim-noise";
+            let noise: [Named<'_>; 2] = [
+                ("noise_behind", &behind.target.noisy),
+                ("noisy", &receiver.target.noisy),
+            ];
+            let resources = join(&receiver.resources(), &noise);
+            let (own, lit) = (Some(&scene.bind_group), [receiver.points.lit, 1, 1]);
+            frame.run(name, &passes.dim_noise, own, &resources, lit)?;
+        }
         Ok(())
     }
 
     fn behind(&mut self, gpu: &Gpu, receiver: &Receiver) -> Result<Receiver, GpuError> {
-        let Receiver { points, target, .. } = receiver;
-        let size = target.radiance.size();
-        let make = || {
-            let radiance = gpu.room("light behind media", size)?;
-            Ok(Receiver::new(points, &Target::of(gpu, radiance)?))
+        let target = &receiver.target;
+        let room = |of: &wgpu::Buffer| gpu.room("light behind media", of.size());
+        let radiance = self.behind.of(receiver, || room(&target.radiance))?;
+        let mut behind = Target {
+            radiance: radiance.clone(),
+            ..target.clone()
         };
-        let made = self.behind.of(receiver, make)?;
-        // Which points are lit may have changed.
-        Ok(Receiver::new(points, &made.target))
+        if target.is_noisy() {
+            let noisy = self.noise_behind.of(receiver, || room(&target.noisy))?;
+            behind.noisy = noisy.clone();
+        }
+        Ok(Receiver::new(&receiver.points, &behind))
     }
 }

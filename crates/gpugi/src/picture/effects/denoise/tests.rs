@@ -1,8 +1,9 @@
 //! Frames with noise against pictures of many samples.
 
+use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::{Metric, Picture, compare};
-use gpugi_scene::{Camera, Scene};
+use gpugi_scene::{Camera, Medium, PhaseFunction, Scene};
 
 use super::Filter;
 use crate::Renderer;
@@ -87,6 +88,33 @@ fn filtered_frames_err_less() {
     let [unfiltered, temporal] = [&unfiltered, &temporal].map(|shown| flip(shown, &truth));
     println!("unfiltered {unfiltered:.3}, temporal {temporal:.3}");
     assert!(temporal < 0.8 * unfiltered, "{temporal} of {unfiltered}");
+}
+
+/// Behind fog, noise is dimmed as the light is of which it is a part.
+#[test]
+fn noise_behind_fog_is_filtered() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = builtin("cornell", 1).unwrap();
+    let place = Mat4::from_translation(vec3(0.0, 2.75, 0.0));
+    scene.media.push(Medium {
+        name: "fog".into(),
+        world_from_box: Some(place * Mat4::from_scale(Vec3::splat(5.6))),
+        extinction: Vec3::splat(0.15),
+        albedo: Vec3::splat(0.5),
+        phase: PhaseFunction::HenyeyGreenstein(0.0),
+        emission: Vec3::ZERO,
+        density: None,
+        node: None,
+    });
+    let mut renderer = renderer(&gpu, &scene, &["participating-media", "path-tracing"]);
+    let truth = truth(&mut renderer, &scene.cameras[0], 64);
+    let [unfiltered, filtered] = [Filter::None, Filter::Temporal]
+        .map(|filter| moved(&mut renderer, &scene, &live(filter)));
+    let brightness = mean(&filtered) / mean(&unfiltered);
+    let [unfiltered, filtered] = [&unfiltered, &filtered].map(|shown| flip(shown, &truth));
+    println!("unfiltered {unfiltered:.3}, filtered {filtered:.3}, brightness {brightness:.3}");
+    assert!((brightness - 1.0).abs() < 0.06, "{brightness}");
+    assert!(filtered < 0.8 * unfiltered, "{filtered} of {unfiltered}");
 }
 
 /// Light that no technique draws by chance passes as it is, and without a filter all light does.
