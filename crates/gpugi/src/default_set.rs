@@ -13,9 +13,7 @@ use crate::gpu::{AdapterSummary, GpuError};
 use crate::light_paths::{LightPaths, overlap};
 use crate::lighting::LightingError;
 use crate::scene::stand_apart;
-use crate::techniques::{
-    Info, Occasion, Purpose, Registration, Registry, Role, Speed, Values,
-};
+use crate::techniques::{Info, Occasion, Purpose, Registration, Registry, Role, Speed, Values};
 
 /// A technique of a set.
 #[derive(Debug, Clone, PartialEq)]

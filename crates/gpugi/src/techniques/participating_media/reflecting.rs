@@ -95,8 +95,10 @@ impl Reflecting {
             let view = frame.gpu.constant("view of ends of links", &self.view)?;
             let bytes = size_of::<ViewUniform>() as u64;
             frame.copy(&view, &self.receiver.points.view, [0, bytes]);
-            let own: [Named<'_>; 2] =
-                [("part", &part), ("gathered", &self.receiver.target.radiance)];
+            let own: [Named<'_>; 2] = [
+                ("part", &part),
+                ("gathered", &self.receiver.target.radiance),
+            ];
             let points = self.receiver.points.resources();
             let resources = [&network.resources()[..], &points, &own].concat();
             let name = "participating-media.reflecting";

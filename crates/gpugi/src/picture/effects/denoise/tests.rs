@@ -1,5 +1,7 @@
 //! Frames with noise against pictures of many samples.
 
+use std::ops::ControlFlow;
+
 use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::builtin;
 use gpugi_scene::image::metrics::{Metric, Picture, compare};
@@ -107,9 +109,15 @@ fn noise_behind_fog_is_filtered() {
         node: None,
     });
     let mut renderer = renderer(&gpu, &scene, &["participating-media", "path-tracing"]);
+    renderer
+        .set("participating-media", "particles", "64")
+        .unwrap();
+    renderer
+        .converge(&scene.cameras[0], false, |_, _| ControlFlow::Continue(()))
+        .unwrap();
     let truth = truth(&mut renderer, &scene.cameras[0], 64);
-    let [unfiltered, filtered] = [Filter::None, Filter::Temporal]
-        .map(|filter| moved(&mut renderer, &scene, &live(filter)));
+    let [unfiltered, filtered] =
+        [Filter::None, Filter::Temporal].map(|filter| moved(&mut renderer, &scene, &live(filter)));
     let brightness = mean(&filtered) / mean(&unfiltered);
     let [unfiltered, filtered] = [&unfiltered, &filtered].map(|shown| flip(shown, &truth));
     println!("unfiltered {unfiltered:.3}, filtered {filtered:.3}, brightness {brightness:.3}");
