@@ -39,7 +39,8 @@ pub struct PictureArguments {
     #[command(flatten)]
     pub display: DisplayArguments,
     /// Techniques, separated by commas, or path-tracer, or none, or default: those that suit the scene, and a still picture
-    /// or frames in motion. Without it, default, but for a PNG by gpugi render on a discrete GPU: path-tracer, denoised
+    /// or frames in motion. Without it, default, but for a PNG by gpugi render on a discrete GPU, or of fog in software:
+    /// path-tracer, denoised
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub technique: Vec<String>,
     /// A technique's setting, or an effect's (repeatable)
