@@ -3,7 +3,7 @@
 
 use super::network::Network;
 use crate::capture::{Gather, PerReceiver, Receiver, Target};
-use crate::gpu::{Frame, Gpu, GpuError, Kernel, Named, join};
+use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::scene::GpuScene;
 use crate::shader;
 
@@ -74,7 +74,16 @@ impl Passes {
             composite: Gather::new(gpu, scene, &composite, &[("STEPS", how.steps.into())])?,
             direct: how.has_marched_lights.then(direct).transpose()?,
             surfaces: (how.surface_rays > 0).then(surfaces).transpose()?,
-            dim_noise: Kernel::new(gpu, &dim_noise, "main", Some(&scene.layout))?,
+            dim_noise: Kernel::with_options(
+                gpu,
+                &dim_noise,
+                "main",
+                Some(&scene.layout),
+                &KernelOptions {
+                    constants: &[scene.media_constant()],
+                    ..KernelOptions::default()
+                },
+            )?,
         })
     }
 }
