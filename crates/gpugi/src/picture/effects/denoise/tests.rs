@@ -101,7 +101,7 @@ fn noise_behind_fog_is_filtered() {
     scene.media.push(Medium {
         name: "fog".into(),
         world_from_box: Some(place * Mat4::from_scale(Vec3::splat(5.6))),
-        extinction: Vec3::splat(0.15),
+        extinction: Vec3::splat(0.1),
         albedo: Vec3::splat(0.5),
         phase: PhaseFunction::HenyeyGreenstein(0.0),
         emission: Vec3::ZERO,
@@ -115,14 +115,16 @@ fn noise_behind_fog_is_filtered() {
     renderer
         .converge(&scene.cameras[0], false, |_, _| ControlFlow::Continue(()))
         .unwrap();
-    let truth = truth(&mut renderer, &scene.cameras[0], 64);
+    let truth = truth(&mut renderer, &scene.cameras[0], 128);
     let [unfiltered, filtered] =
         [Filter::None, Filter::Temporal].map(|filter| moved(&mut renderer, &scene, &live(filter)));
     let brightness = mean(&filtered) / mean(&unfiltered);
     let [unfiltered, filtered] = [&unfiltered, &filtered].map(|shown| flip(shown, &truth));
     println!("unfiltered {unfiltered:.3}, filtered {filtered:.3}, brightness {brightness:.3}");
     assert!((brightness - 1.0).abs() < 0.06, "{brightness}");
-    assert!(filtered < 0.8 * unfiltered, "{filtered} of {unfiltered}");
+    // What the fog itself sends has no noise. If its dimming is left out, the error is above 0.4.
+    assert!(filtered < 0.92 * unfiltered, "{filtered} of {unfiltered}");
+    assert!(filtered < 0.25, "{filtered}");
 }
 
 /// Light that no technique draws by chance passes as it is, and without a filter all light does.
