@@ -172,7 +172,8 @@ fn budgets_bound_frames_and_change_no_map() {
         .map(|frame| frame[1])
         .filter(|&work| work < texels * texels);
     let work = others.max().unwrap_or(0);
-    assert!(work * 2 < whole.frames[1][1], "{work} units");
+    // The second frame has two steps of texels.
+    assert!(work * 2 <= whole.frames[1][1], "{work} units");
     assert!(whole.maps.len() > 8);
     assert_eq!(whole.maps.len(), sliced.maps.len());
     for ((name, a), (_, b)) in whole.maps.iter().zip(&sliced.maps) {

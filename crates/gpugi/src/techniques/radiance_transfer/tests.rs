@@ -115,9 +115,10 @@ impl Solver {
     }
 
     /// Frames until the transfer vectors are final.
-    fn solve(mut self) -> Self {
-        while self.frame().progress < 1.0 {}
-        self
+    fn solve(self) -> Self {
+        let mut lit = self.with_atlas();
+        while lit.frame().progress < 1.0 {}
+        lit
     }
 
     /// The texels that have points, with their irradiance.
