@@ -335,7 +335,7 @@ impl GpuScene {
         const LEAST_NEAR: f32 = 0.01;
         let is_near = |light: &Light| light.kind != LightKind::Directional;
         let [near, extent] = [self.near_in_media(), self.extent_with_media()];
-        let reaches_far = near >= LEAST_NEAR * extent;
+        let reaches_far = !extent.is_finite() || near >= LEAST_NEAR * extent;
         !self.media.is_empty() && reaches_far && self.lights.iter().any(is_near)
     }
 
