@@ -53,7 +53,7 @@ pub fn explain_path_tracer(
     is_denoised: bool,
 ) {
     println!(
-        "path-tracer on {} ({}): on discrete GPUs, and for fog in software, it has less error than the techniques in the time that these take
+        "path-tracer on {} ({}): on discrete GPUs, and for fog in software, it has less error than the techniques in the same time
   {} of {} samples per pixel; estimated rel-mse {noise:.1e}{}
   {}
   --technique default: the techniques that suit the scene",

@@ -89,9 +89,6 @@ class _Worker:
         except Exception as error:
             return error
 
-    def process(self) -> int:
-        return os.getpid()
-
     def run(self, task: Any) -> Any:
         try:
             if self.share is None:

@@ -328,35 +328,37 @@ impl GpuScene {
     }
 
     /// Whether paths look in media for lights near them (paths/in_scattering.wesl): there are points or spots, and what counts
-    /// as near is not so little of the scene that looking there would cost more than its noise.
+    /// as near is not so little of the media that looking there would cost more than its noise.
     pub(crate) fn has_lit_media(&self) -> bool {
-        /// Of the scene's extent. In `fog-room`, 0.8 of it is near, and looking there takes away most of the noise. In
+        /// Of the extent of all media. In `fog-room`, 0.8 of it is near, and looking there takes away most of the noise. In
         /// `station`, whose smoke is dense, it is 0.003: the same noise in 1.3 times the time.
         const LEAST_NEAR: f32 = 0.01;
         let is_near = |light: &Light| light.kind != LightKind::Directional;
-        let [near, extent] = [self.near_in_media(), self.extent_with_media()];
-        let reaches_far = !extent.is_finite() || near >= LEAST_NEAR * extent;
+        let extent = self.extent_of_media();
+        let reaches_far = !extent.is_finite() || self.near_in_media() >= LEAST_NEAR * extent;
         !self.media.is_empty() && reaches_far && self.lights.iter().any(is_near)
     }
 
     /// Distance of lights and of the eye up to which paths look for them in media, because points where media scatter by
     /// chance would find them with much noise (m): the mean free path of light where all media are as dense as anywhere,
-    /// but no more than the scene's extent.
+    /// but no more than the extent of the scene and its media.
     pub(crate) fn near_in_media(&self) -> f32 {
         let media = self.media.iter().zip(&self.tables.densest);
         let extinctions = media.map(|(medium, densest)| medium.extinction.max_element() * densest);
         let free_path = (1.0 / extinctions.sum::<f32>()).min(1e15);
-        let extent = self.extent_with_media();
+        let boxes = self.media.iter().filter_map(Medium::bounds);
+        let extent = boxes.fold(self.bounds, Bounds::union).diagonal();
         match extent > 0.0 && extent.is_finite() {
             true => free_path.min(extent),
             false => free_path,
         }
     }
 
-    /// Diagonal of the bounds of instances and of media (m).
-    fn extent_with_media(&self) -> f32 {
-        let boxes = self.media.iter().filter_map(Medium::bounds);
-        boxes.fold(self.bounds, Bounds::union).diagonal()
+    /// Diagonal of the bounds of all media (m). One without a box fills the scene's bounds.
+    fn extent_of_media(&self) -> f32 {
+        let boxes = self.media.iter();
+        let boxes = boxes.map(|medium| medium.bounds().unwrap_or(self.bounds));
+        boxes.reduce(Bounds::union).map_or(0.0, |all| all.diagonal())
     }
 
     /// For what shaders that trace rays are compiled: whether light passes through any surface, where alpha cuts it out
