@@ -19,7 +19,7 @@ use crate::settings::SettingError;
 pub use crate::techniques::Budget;
 use crate::techniques::{
     Earlier, EarlierLight, Figure, Inspection, Map, Needs, OwnPoints, Plan, Registry, Role, Shared,
-    Technique, Unready,
+    Technique, Unready, are_noisy,
 };
 use schedule::Schedule;
 
@@ -486,8 +486,7 @@ impl Lighting {
 
     /// Whether any technique tells which part of its light is noisy.
     pub(crate) fn is_noisy(&self) -> bool {
-        let mut techniques = self.techniques.iter();
-        techniques.any(|technique| technique.info().is_noisy)
+        are_noisy(&self.techniques)
     }
 
     /// The pipelines of captures, compiled for the scene.

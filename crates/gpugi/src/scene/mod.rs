@@ -358,7 +358,9 @@ impl GpuScene {
     fn extent_of_media(&self) -> f32 {
         let boxes = self.media.iter();
         let boxes = boxes.map(|medium| medium.bounds().unwrap_or(self.bounds));
-        boxes.reduce(Bounds::union).map_or(0.0, |all| all.diagonal())
+        boxes
+            .reduce(Bounds::union)
+            .map_or(0.0, |all| all.diagonal())
     }
 
     /// For what shaders that trace rays are compiled: whether light passes through any surface, where alpha cuts it out

@@ -106,8 +106,7 @@ impl<'a> EarlierLight<'a> {
 
     /// Whether any of it is drawn by chance for each point.
     pub(crate) fn is_noisy(&self) -> bool {
-        let mut techniques = self.techniques.iter();
-        techniques.any(|technique| technique.info().is_noisy)
+        super::are_noisy(self.techniques)
     }
 
     /// Everything that it depends on.

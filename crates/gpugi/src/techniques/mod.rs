@@ -280,6 +280,12 @@ pub trait Resume {
 /// The value of settings that leaves the choice of objects, or of a point, to gpugi.
 pub(crate) const AUTO: &str = "auto";
 
+/// Whether any of these draws its light by chance for each point.
+pub(crate) fn are_noisy(techniques: &[Box<dyn Technique>]) -> bool {
+    let mut techniques = techniques.iter();
+    techniques.any(|technique| technique.info().is_noisy)
+}
+
 /// [`Plan::object_names`] of such a setting.
 pub(crate) fn named(objects: &str) -> String {
     match objects {

@@ -59,6 +59,33 @@ fn the_light_is_that_of_the_path_tracer() {
 }
 
 /// Several paths per point in flight, few at a time or all at once: the same bits.
+/// A room full of fog with a spot: beside participating-media, which shows fog the light that paths find on surfaces, all light
+/// is there. Most of its seconds compile the path tracer for media.
+#[test]
+fn fog_and_paths_have_the_light_of_the_path_tracer() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = builtin("fog-room", 1).unwrap();
+    // Caustics in fog are neither's.
+    scene.instances.retain(|instance| {
+        let material = &scene.materials[instance.material];
+        material.metallic == 0.0
+    });
+    let names = ["participating-media", INFO.name];
+    let mut renderer = Renderer::new(&gpu, &scene, SIZE, &names).unwrap();
+    for (name, value) in [("particles", "256"), ("directions", "64")] {
+        renderer.set("participating-media", name, value).unwrap();
+    }
+    let found = mean(&picture(&mut renderer, &scene, 32));
+    let mut tracer = PathTracer::new(&gpu, &scene, SIZE, &Settings::default()).unwrap();
+    let camera = &scene.cameras[0];
+    tracer
+        .render(camera, 128, &mut |_| ControlFlow::Continue(()))
+        .unwrap();
+    let truth = mean(&tracer.radiance().unwrap());
+    println!("{found:.5} of {truth:.5}");
+    assert!((found / truth - 1.0).abs() < 0.05, "{found} of {truth}");
+}
+
 #[test]
 fn the_picture_does_not_depend_on_the_memory_of_paths() {
     let Some(gpu) = test_gpu() else { return };
