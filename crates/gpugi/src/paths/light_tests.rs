@@ -254,3 +254,80 @@ fn triangles_and_sky_together_are_drawn_as_their_densities_say() {
     scene.environment = Some(sky());
     assert_drawn_as_said(&gpu, "triangles and sky", &scene, vec3(0.2, 0.1, -0.3));
 }
+
+/// Points and spots around the origin, near and far.
+fn many_lights() -> Scene {
+    let mut random = Random(5);
+    let mut lights = Vec::new();
+    for number in 0..60 {
+        let mut place = || [0; 3].map(|_| 8.0 * random.next() as f32 - 4.0);
+        let (at, target) = (Vec3::from(place()), Vec3::from(place()));
+        let cone = LightKind::Spot {
+            inner_cone_angle: 0.3,
+            outer_cone_angle: 0.6,
+        };
+        let kind = if number % 2 == 0 {
+            LightKind::Point
+        } else {
+            cone
+        };
+        let intensity = Vec3::splat(0.2 + (number % 5) as f32);
+        lights.push(Light::new("", kind, intensity).aimed(at, target));
+    }
+    Scene {
+        lights,
+        ..Scene::default()
+    }
+}
+
+#[test]
+fn near_lights_are_chosen_as_said_and_in_proportion_to_what_they_send() {
+    let Some(gpu) = test_gpu() else { return };
+    let scene = many_lights();
+    let at = vec3(0.3, -0.2, 0.5);
+    let rows = ask(&gpu, &scene, at, "chances", &[[0.0; 4]; 60]);
+    let total: f64 = rows.iter().map(|row| f64::from(row[3])).sum();
+    let drawn = ask(&gpu, &scene, at, "draw", &[[0.0; 4]; SAMPLES]);
+    let power = |light: &Light| match light.kind {
+        LightKind::Spot {
+            outer_cone_angle, ..
+        } => f64::from(light.intensity.x) * (1.0 - f64::from(outer_cone_angle.cos())),
+        _ => 2.0 * f64::from(light.intensity.x),
+    };
+    let all: f64 = scene.lights.iter().map(power).sum();
+    let (mut seen, mut sent) = (0, 0.0);
+    let mut second_moments = [0.0; 2];
+    for (light, row) in scene.lights.iter().zip(&rows) {
+        let toward = Vec3::new(row[0], row[1], row[2]);
+        let direction = toward.normalize();
+        let count = drawn
+            .iter()
+            .filter(|drawn| Vec3::new(drawn[0], drawn[1], drawn[2]).distance(direction) < 1e-4);
+        let share = count.count() as f64 / SAMPLES as f64;
+        let irradiance = match light.kind {
+            LightKind::Spot {
+                outer_cone_angle, ..
+            } if (-direction).dot(light.direction()) < outer_cone_angle.cos() => 0.0,
+            _ => f64::from(light.intensity.x / toward.length_squared()),
+        };
+        let chance = f64::from(row[3]);
+        if irradiance > 0.0 {
+            assert!(chance > 0.0, "a light that sends something is never chosen");
+            let error = (chance / SAMPLES as f64).sqrt();
+            assert!((share - chance).abs() < 5.0 * error, "{share} for {chance}");
+            seen += 1;
+            second_moments[0] += irradiance.powi(2) / chance;
+            second_moments[1] += irradiance.powi(2) / (power(light) / all);
+            sent += irradiance;
+        }
+    }
+    assert!(
+        total > 0.6 && total < 1.0 + 1e-4,
+        "chances add up to {total}"
+    );
+    let [variance, by_power] = second_moments.map(|moment| moment / sent.powi(2) - 1.0);
+    assert!(
+        seen > 20 && variance < 0.3 * by_power,
+        "{seen} lights, variances {variance}, {by_power}"
+    );
+}

@@ -5,6 +5,7 @@ use glam::Vec3;
 use gpugi_scene::{AlphaMode, LightKind, Scene};
 
 use super::alias;
+use super::light_tree::{self, Bound};
 use crate::gpu::{Gpu, GpuError};
 use crate::light_paths::LightClass;
 use crate::lights::gpu::cone;
@@ -29,7 +30,7 @@ pub struct Light {
     pub cone_scale: f32,
     pub cone_end: f32,
     pub inverse_range_squared: f32,
-    pub padding: u32,
+    pub leaf: u32,
 }
 
 const POINT: u32 = 0;
@@ -38,6 +39,8 @@ pub const DIRECTIONAL: u32 = 2;
 pub const TRIANGLE: u32 = 3;
 pub const SKY: u32 = 4;
 const NONE: u32 = u32::MAX;
+/// Words of `emitter_rows` before those of instances.
+const HEADER: usize = 4;
 
 const TWO_SIDED: u32 = 1;
 const TEXTURED: u32 = 2;
@@ -49,7 +52,7 @@ pub const LIGHT_TRACED: u32 = 4;
 pub struct LightTable {
     /// The rows; empty if no selectable light emits.
     pub rows: Vec<Light>,
-    /// `emitter_rows` of paths/lights.wesl.
+    /// `emitter_rows` of paths/light_tree.wesl, with the tree.
     pub emitter_rows: Vec<u32>,
     /// Probability of choosing the sky.
     pub sky_probability: f32,
@@ -62,13 +65,15 @@ impl LightTable {
         let mut rows = Vec::new();
         // Powers of nearby lights (W), and irradiances of infinitely distant lights. The two have no common measure.
         let mut powers = Vec::new();
+        let mut bounds = Vec::new();
         if classes.contains(&LightClass::Punctual) {
             for light in &scene.lights {
                 rows.push(punctual_row(light));
                 powers.push(punctual_power(light));
+                bounds.push(punctual_bound(light));
             }
         }
-        let mut emitter_rows = vec![NONE; kept.instances.len()];
+        let mut emitter_rows = vec![NONE; HEADER + kept.instances.len()];
         if classes.contains(&LightClass::Area) {
             for emitter in &scene.emitters {
                 let instance = emitter.instance as usize;
@@ -78,16 +83,22 @@ impl LightTable {
                 if material.alpha_mode != AlphaMode::Opaque {
                     continue;
                 }
-                if emitter_rows[instance] == NONE {
-                    let first = emitter_rows.len() as u32;
-                    emitter_rows[instance] = first;
+                if emitter_rows[HEADER + instance] == NONE {
+                    let first = emitter_rows.len() - HEADER;
+                    emitter_rows[HEADER + instance] = first as u32;
                     let mesh = &kept.meshes[kept.instances[instance].mesh];
                     emitter_rows.resize(emitter_rows.len() + mesh.indices.len() / 3, NONE);
                 }
-                let first = emitter_rows[instance];
-                emitter_rows[(first + emitter.primitive) as usize] = rows.len() as u32;
+                let first = emitter_rows[HEADER + instance];
+                emitter_rows[HEADER + (first + emitter.primitive) as usize] = rows.len() as u32;
                 rows.push(triangle_row(kept, emitter));
                 powers.push(emitter.power());
+                let radiance = f64::from(emitter.luminance());
+                bounds.push(Bound::of_triangle(
+                    emitter.corners,
+                    radiance,
+                    emitter.two_sided,
+                ));
             }
         }
         if classes.contains(&LightClass::Environment)
@@ -105,13 +116,39 @@ impl LightTable {
             sky_probability: 0.0,
         };
         table.choose(&powers);
+        table.plant(&bounds);
         table
+    }
+
+    /// Adds the tree over the lights that are near, whose `bounds` are those of the first rows.
+    fn plant(&mut self, bounds: &[Bound]) {
+        let of_rows = self.rows.iter().zip(0..).zip(bounds);
+        let near: Vec<_> = of_rows
+            .filter(|((row, _), bound)| {
+                !is_far(row) && row.probability > 0.0 && bound.intensity > 0.0
+            })
+            .map(|((_, index), bound)| (index, *bound))
+            .collect();
+        let far = self.rows.iter().filter(|row| is_far(row));
+        let of_far: f32 = far.map(|row| row.probability).sum();
+        let share = match (near.is_empty(), of_far > 0.0) {
+            (true, _) => 0.0,
+            (false, true) => 1.0 - of_far,
+            (false, false) => 1.0,
+        };
+        let (nodes, leaves) = light_tree::build(&near);
+        for (row, node) in leaves {
+            self.rows[row as usize].leaf = node;
+        }
+        let rows = self.emitter_rows.len().next_multiple_of(4);
+        self.emitter_rows.resize(rows, NONE);
+        self.emitter_rows[..2].copy_from_slice(&[rows as u32 / 4, share.to_bits()]);
+        self.emitter_rows.extend(nodes);
     }
 
     /// Fills in the alias table. If both nearby and infinitely distant lights exist, each group gets half of the
     /// probability.
     fn choose(&mut self, powers: &[f64]) {
-        let is_far = |row: &Light| row.kind == DIRECTIONAL || row.kind == SKY;
         let total = |far: bool| -> f64 {
             let of_kind = self.rows.iter().zip(powers);
             of_kind
@@ -141,6 +178,11 @@ impl LightTable {
             }
         }
     }
+}
+
+/// Whether a light is infinitely far away.
+fn is_far(row: &Light) -> bool {
+    row.kind == DIRECTIONAL || row.kind == SKY
 }
 
 /// Luminance, at least 0.
@@ -182,6 +224,17 @@ fn punctual_power(light: &gpugi_scene::Light) -> f64 {
         LightKind::Directional => 1.0,
     };
     luminance(light.intensity) * solid_angle
+}
+
+fn punctual_bound(light: &gpugi_scene::Light) -> Bound {
+    let cone = match light.kind {
+        LightKind::Spot {
+            outer_cone_angle, ..
+        } => Some((light.direction(), outer_cone_angle)),
+        _ => None,
+    };
+    let intensity = luminance(light.intensity);
+    Bound::of_point(light.position(), light.radius, intensity, cone)
 }
 
 fn triangle_row(scene: &Scene, emitter: &Emitter) -> Light {

@@ -6,12 +6,13 @@ pub(crate) mod alias;
 pub(crate) mod gpu;
 #[cfg(test)]
 mod light_tests;
+mod light_tree;
 pub(crate) mod lights;
 mod sky;
 
 use std::collections::BTreeSet;
 
-use gpugi_scene::Scene;
+use gpugi_scene::{Light, LightKind, Scene};
 
 use crate::gpu::{Gpu, GpuError, Kernel, KernelOptions};
 use crate::scene::GpuScene;
@@ -30,6 +31,14 @@ pub(crate) fn has_straight(scene: &Scene) -> bool {
         let material = &scene.materials[index];
         material.transmission > 0.0 && (material.volume.is_none() || material.ior == 1.0)
     })
+}
+
+/// Whether paths choose among the lights of `scene` by a tree: only if several are near. Two triangles count as one light.
+/// Kernels for either kind of scene are right for the other, too.
+pub(crate) fn has_light_tree(scene: &GpuScene) -> bool {
+    let near = |light: &&Light| light.kind != LightKind::Directional;
+    let lights = scene.lights.iter().filter(near).count();
+    lights + scene.emitters.len().div_ceil(2) > 1
 }
 
 /// Rows of 16 bytes per path in `rows` of pool.wesl, excluding the results.
@@ -75,6 +84,7 @@ impl Kernels {
                     "LIGHT_TRACER_HAS_LAMPS",
                     "LIGHT_TRACER_MERGES",
                     "HAS_KNOWN_LIGHT",
+                    "HAS_LIGHT_TREE",
                 ],
             )?,
             shade: hot(

@@ -40,7 +40,7 @@ use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions};
 use crate::light_paths::{self, LightClass, LightPaths};
 use crate::lighting::LightingError;
 use crate::paths::gpu::{EyeUniform, Parameters, ThinLensUniform};
-use crate::paths::{LightBuffers, Sky, has_straight};
+use crate::paths::{LightBuffers, Sky, has_light_tree, has_straight};
 use crate::scene::{GpuScene, has_smooth_objects};
 use crate::settings::SettingError;
 use crate::shader;
@@ -280,6 +280,7 @@ impl PathTracer {
             .map(|aims| Photons::new(gpu, &on_gpu, aims, merged, &constants, &buffers))
             .transpose()?;
         constants.push(("LIGHT_TRACER_HAS_LAMPS", flag(lit.has_lamps)));
+        constants.push(("HAS_LIGHT_TREE", flag(has_light_tree(&on_gpu))));
         let looks_in_media = on_gpu.has_lit_media();
         constants.push(("HAS_LIT_MEDIA", flag(looks_in_media)));
         // Whatever paths are kept, so that parts of the light take the same paths as all light.

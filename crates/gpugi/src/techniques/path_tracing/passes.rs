@@ -10,7 +10,9 @@ use crate::capture::{Output, Receiver};
 use crate::gpu::{Frame, Gpu, GpuError, Kernel, KernelOptions, Named, join};
 use crate::light_paths::{LightClass, PathFilter};
 use crate::paths::gpu::{EyeUniform, Header, Parameters};
-use crate::paths::{Kernels, LightBuffers, LightTable, PATH_ROWS, Sky, has_straight};
+use crate::paths::{
+    Kernels, LightBuffers, LightTable, PATH_ROWS, Sky, has_light_tree, has_straight,
+};
 use crate::scene::{GpuScene, Inputs, Versions};
 use crate::shader;
 use crate::stage::{Same, Stage};
@@ -53,6 +55,7 @@ impl Constants {
             ("HAS_KNOWN_LIGHT", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
             ("LIGHT_TRACER_MERGES", 0.0),
+            ("HAS_LIGHT_TREE", flag(has_light_tree(scene))),
             ("HAS_LIT_MEDIA", flag(scene.has_lit_media())),
         ];
         values.extend(scene.tracking_constants());

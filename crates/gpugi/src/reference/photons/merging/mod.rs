@@ -22,7 +22,7 @@ const HEADER_BYTES: u64 = size_of::<Round>() as u64;
 const COARSE_BYTES: u64 = 4 << 15;
 const ROW_BYTES: u64 = 16;
 /// Least points of a round: a sample of a small tile has few, which would leave most of a GPU idle.
-const POINTS: u32 = 1 << 18;
+const POINTS: u32 = 1 << 20;
 const POINTS_IN_SOFTWARE: u32 = 1 << 14;
 /// The largest radius, in diagonals of the scene: larger ones take more time. The pixels of small pictures are larger; there,
 /// it is the second number over the pixels along a side.
