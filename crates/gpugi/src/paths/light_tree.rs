@@ -9,10 +9,9 @@ use glam::Vec3;
 const NONE: u32 = u32::MAX;
 /// Words of a node in light_tree.wesl.
 const WORDS: usize = 16;
-/// Words before its children.
-const CHILDREN: usize = 13;
-/// Places at which a node may be split.
+/// Parts of a node's box between which it may be split; nodes of more lights are split in halves, which takes less time.
 const BINS: usize = 12;
+const MANY: usize = 256;
 /// Triangles that face about the same way (rad) are chosen in proportion to their intensity if there are no more: to tell them
 /// apart takes more time than it saves.
 const FEW: usize = 4;
@@ -91,6 +90,9 @@ impl Bound {
 /// The least cone around two, by axis and half angle.
 fn cone(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
     let (a, b) = if a.1 >= b.1 { (a, b) } else { (b, a) };
+    if a.1 >= PI {
+        return a;
+    }
     let between = a.0.angle_between(b.0);
     if (between + b.1).min(PI) <= a.1 {
         return a;
@@ -102,65 +104,111 @@ fn cone(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
             let axis = glam::Quat::from_axis_angle(around, spread - a.1) * a.0;
             (axis.normalize(), spread)
         }
+        // Rounding keeps apart what is parallel.
+        None if a.0.dot(b.0) > 0.0 => (a.0, between + b.1),
         _ => (Vec3::Z, PI),
     }
 }
 
-/// The tree over `lights`, as words of light_tree.wesl, and the node of each light. Lights of no intensity have none.
+/// A node: its children, or its light.
+struct Node {
+    parent: u32,
+    children: [u32; 2],
+    /// Index of the light.
+    light: usize,
+}
+
+/// The tree over `lights`, which have rows and positive intensities, as words of light_tree.wesl; and row and node of each light.
 pub fn build(lights: &[(u32, Bound)]) -> (Vec<u32>, Vec<(u32, u32)>) {
+    let nodes = nodes(lights);
+    // Children come after their parents.
+    let mut bounds: Vec<Bound> = nodes.iter().map(|node| lights[node.light].1).collect();
+    for (index, node) in nodes.iter().enumerate().rev() {
+        if let [first, second] = node.children
+            && first != NONE
+        {
+            bounds[index] = bounds[first as usize].with(&bounds[second as usize]);
+        }
+    }
+    let mut words = Vec::with_capacity(nodes.len() * WORDS);
+    let mut leaves = Vec::with_capacity(lights.len());
+    let mut counts = vec![1_usize; nodes.len()];
+    for (index, node) in nodes.iter().enumerate().rev() {
+        if node.children[0] != NONE {
+            counts[index] = node
+                .children
+                .map(|child| counts[child as usize])
+                .iter()
+                .sum();
+        }
+    }
+    for (index, (node, bound)) in nodes.iter().zip(&bounds).enumerate() {
+        let radius = 0.5 * (bound.most - bound.least).length() * (1.0 + 1e-5);
+        let (sine, cosine) = bound.spread.sin_cos();
+        let reach = bound.reach.cos() - 1e-6;
+        // Of all lights, so that no number overflows.
+        let intensity = (bound.intensity / bounds[0].intensity) as f32;
+        let [x, y, z] = bound.centre().to_array();
+        let axis = bound.axis;
+        let of_first = match node.children {
+            [first, _] if counts[index] <= FEW && counts[index] > 1 && bound.spread < NARROW => {
+                (bounds[first as usize].intensity / bound.intensity) as f32
+            }
+            _ => -1.0,
+        };
+        let mut links = [node.parent, node.children[0], node.children[1]];
+        if node.children[0] == NONE {
+            links[2] = lights[node.light].0;
+            leaves.push((links[2], index as u32));
+        }
+        let floats = [
+            x,
+            y,
+            z,
+            radius,
+            axis.x,
+            axis.y,
+            axis.z,
+            intensity,
+            cosine,
+            sine.max(0.0),
+            reach,
+            0.0,
+        ];
+        words.extend(floats.map(f32::to_bits));
+        words.extend(links);
+        words.push(of_first.to_bits());
+    }
+    (words, leaves)
+}
+
+/// The nodes of the tree, without what they know of their lights.
+fn nodes(lights: &[(u32, Bound)]) -> Vec<Node> {
     let mut order: Vec<usize> = (0..lights.len()).collect();
-    let mut words = Vec::new();
-    let mut leaves = Vec::new();
-    // Ranges of `order` whose nodes are to be written, with their parents, and whether they are second children.
-    let mut stack = vec![(0, order.len(), NONE, false)];
-    while let Some((first, end, parent, is_second)) = stack.pop() {
+    let mut nodes: Vec<Node> = Vec::with_capacity(2 * lights.len());
+    // Ranges of `order` that are to be nodes, with their parents, and whether they are second children.
+    let mut stack = vec![(0, order.len(), NONE, 0)];
+    while let Some((first, end, parent, child)) = stack.pop() {
         if first == end {
             continue;
         }
-        let node = (words.len() / WORDS) as u32;
-        if parent != NONE {
-            words[parent as usize * WORDS + CHILDREN + usize::from(is_second)] = node;
+        let node = nodes.len() as u32;
+        if let Some(parent) = nodes.get_mut(parent as usize) {
+            parent.children[child] = node;
         }
         let part = &mut order[first..end];
-        let bound = part[1..].iter().fold(lights[part[0]].1, |bound, &light| {
-            bound.with(&lights[light].1)
+        nodes.push(Node {
+            parent,
+            children: [NONE; 2],
+            light: part[0],
         });
-        let radius = 0.5 * (bound.most - bound.least).length() * (1.0 + 1e-5);
-        let floats = |values: &[f32]| {
-            values
-                .iter()
-                .map(|value| value.to_bits())
-                .collect::<Vec<_>>()
-        };
-        words.extend(floats(&bound.centre().to_array()));
-        words.extend(floats(&[radius]));
-        words.extend(floats(&bound.axis.to_array()));
-        let (sine, cosine) = bound.spread.sin_cos();
-        let sine = sine.max(0.0);
-        let reach = bound.reach.cos() - 1e-6;
-        words.extend(floats(&[bound.intensity as f32, cosine, sine, reach]));
-        words.extend([0, parent, NONE, NONE, (-1.0_f32).to_bits()]);
-        if let [light] = *part {
-            let row = lights[light].0;
-            words[node as usize * WORDS + CHILDREN + 1] = row;
-            leaves.push((row, node));
-        } else {
-            let of_first = split(part, lights);
-            if part.len() <= FEW && bound.spread < NARROW {
-                let intensity = |part: &[usize]| {
-                    part.iter()
-                        .map(|&light| lights[light].1.intensity)
-                        .sum::<f64>()
-                };
-                let share = intensity(&part[..of_first]) / bound.intensity;
-                words[node as usize * WORDS + CHILDREN + 2] = (share as f32).to_bits();
-            }
-            let middle = first + of_first;
-            stack.push((middle, end, node, true));
-            stack.push((first, middle, node, false));
+        if part.len() > 1 {
+            let middle = first + split(part, lights);
+            stack.push((middle, end, node, 1));
+            stack.push((first, middle, node, 0));
         }
     }
-    (words, leaves)
+    nodes
 }
 
 /// Sorts lights into two parts; returns how many the first one has.
@@ -170,23 +218,29 @@ fn split(part: &mut [usize], lights: &[(u32, Bound)]) -> usize {
         (Vec3::INFINITY, Vec3::NEG_INFINITY),
         |(least, most), &light| (least.min(centre(light)), most.max(centre(light))),
     );
-    let mut best: Option<(f64, usize, usize)> = None;
+    let sides = most - least;
+    let half = part.len() / 2;
+    if part.len() > MANY {
+        let longest = (0..3)
+            .max_by(|&a, &b| sides[a].total_cmp(&sides[b]))
+            .unwrap_or(0);
+        let along = |light: usize| centre(light)[longest];
+        part.select_nth_unstable_by(half, |&a, &b| along(a).total_cmp(&along(b)));
+        return half;
+    }
     let bin = |axis: usize, light: usize| {
-        let along = (centre(light)[axis] - least[axis]) / (most[axis] - least[axis]);
+        let along = (centre(light)[axis] - least[axis]) / sides[axis];
         ((along * BINS as f32) as usize).min(BINS - 1)
     };
-    for axis in 0..3 {
-        if !(most[axis] > least[axis]) {
-            continue;
-        }
+    let joined = |bins: &[Option<Bound>]| bins.iter().flatten().copied().reduce(|a, b| a.with(&b));
+    let mut best: Option<(f64, usize, usize)> = None;
+    for axis in (0..3).filter(|&axis| sides[axis] > 0.0 && sides[axis].is_finite()) {
         let mut bins: [Option<Bound>; BINS] = [None; BINS];
         for &light in part.iter() {
             let bound = &lights[light].1;
             let of_bin = &mut bins[bin(axis, light)];
             *of_bin = Some(of_bin.map_or(*bound, |before| before.with(bound)));
         }
-        let joined =
-            |bins: &[Option<Bound>]| bins.iter().flatten().copied().reduce(|a, b| a.with(&b));
         for at in 1..BINS {
             if let (Some(a), Some(b)) = (joined(&bins[..at]), joined(&bins[at..])) {
                 let cost = a.cost() + b.cost();
@@ -196,20 +250,21 @@ fn split(part: &mut [usize], lights: &[(u32, Bound)]) -> usize {
             }
         }
     }
-    match best {
-        Some((_, axis, at)) => {
-            part.sort_by_key(|&light| bin(axis, light) >= at);
-            part.partition_point(|&light| bin(axis, light) < at)
-        }
+    let Some((_, axis, at)) = best else {
         // All in one place.
-        None => part.len() / 2,
-    }
+        return half;
+    };
+    part.sort_by_key(|&light| bin(axis, light));
+    part.partition_point(|&light| bin(axis, light) < at)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::testing::Random;
+
+    /// Words of a node before its children.
+    const CHILDREN: usize = 13;
 
     /// Points, spots and triangles here and there, some in one place.
     fn lights(count: u32) -> Vec<(u32, Bound)> {
@@ -287,8 +342,7 @@ mod tests {
             }
             assert!(depth < 40, "{depth} nodes above a light");
         }
-        let sum: f64 = lights.iter().map(|(_, bound)| bound.intensity).sum();
-        assert!((f64::from(float(&words, 0, 7)) / sum - 1.0).abs() < 1e-5);
+        assert_eq!(float(&words, 0, 7), 1.0);
     }
 
     #[test]
@@ -306,9 +360,11 @@ mod tests {
     }
 
     #[test]
-    fn no_lights_have_no_tree() {
+    fn few_lights_and_lights_in_one_place_have_trees() {
         assert_eq!(build(&[]), (Vec::new(), Vec::new()));
         let (words, leaves) = build(&lights(1));
         assert_eq!((words.len(), leaves.len()), (WORDS, 1));
+        let one = [(0, lights(1)[0].1); 3];
+        assert_eq!(build(&one).1.len(), 3);
     }
 }
