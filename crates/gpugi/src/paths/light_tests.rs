@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Mat4, Vec3, vec3};
-use gpugi_scene::builtin::shapes::quad;
+use gpugi_scene::builtin::shapes::{quad, sphere};
 use gpugi_scene::{Environment, Image, Light, LightKind, Material, Pixels, Scene};
 
 use super::lights::LightTable;
@@ -329,5 +329,34 @@ fn near_lights_are_chosen_as_said_and_in_proportion_to_what_they_send() {
     assert!(
         seen > 20 && variance < 0.3 * by_power,
         "{seen} lights, variances {variance}, {by_power}"
+    );
+}
+
+#[test]
+fn a_lamp_is_looked_for_on_the_side_that_is_seen() {
+    let Some(gpu) = test_gpu() else { return };
+    let mut scene = Scene::default();
+    let lamp = scene.add_mesh(sphere(0.2, 4));
+    let glow = scene.add_material(Material::emitter("lamp", Vec3::splat(20.0)));
+    scene.add_instance("lamp", lamp, glow, Mat4::IDENTITY);
+    let triangles = scene.meshes[lamp].indices.len() / 3;
+    let positions = &scene.meshes[lamp].positions;
+    let at = vec3(3.0, 0.5, 1.0);
+    let rows = ask(&gpu, &scene, at, "chances", &vec![[0.0; 4]; triangles]);
+    let (mut seen, mut all) = (0.0, 0.0);
+    let corners = scene.meshes[lamp].indices.chunks(3);
+    for (corners, row) in corners.zip(&rows) {
+        let [a, b, c] = [0, 1, 2].map(|i| positions[corners[i] as usize]);
+        all += row[3];
+        if (b - a).cross(c - a).dot(at - a) > 0.0 {
+            seen += row[3];
+        }
+    }
+    // A node may end at two children that send nothing.
+    assert!(all < 1.0 + 1e-4, "chances add up to {all}");
+    // 0.66; 0.53 if nodes are split along one axis alone.
+    assert!(
+        seen > 0.6,
+        "triangles that face the place have a chance of {seen}"
     );
 }
