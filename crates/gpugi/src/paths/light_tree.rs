@@ -143,7 +143,9 @@ pub fn build(lights: &[(u32, Bound)]) -> (Vec<u32>, Vec<(u32, u32)>) {
         }
     }
     for (index, (node, bound)) in nodes.iter().zip(&bounds).enumerate() {
-        let radius = 0.5 * (bound.most - bound.least).length() * (1.0 + 1e-5);
+        // Far from the origin, positions are rounded.
+        let rounding = 1e-6 * bound.centre().abs().max_element();
+        let radius = 0.5 * (bound.most - bound.least).length() * (1.0 + 1e-5) + rounding;
         let (sine, cosine) = bound.spread.sin_cos();
         let reach = bound.reach.cos() - 1e-6;
         // Of all lights, so that no number overflows.
@@ -332,7 +334,7 @@ mod tests {
                     float(&words, node, 10) <= bound.reach.cos(),
                     "reach of {node}"
                 );
-                let parent = link(node, 11 + 1);
+                let parent = link(node, CHILDREN - 1);
                 if parent == NONE {
                     assert_eq!(node, 0);
                     break;

@@ -137,6 +137,9 @@ impl LightTable {
             (false, false) => 1.0,
         };
         let (nodes, leaves) = light_tree::build(&near);
+        for row in &mut self.rows {
+            row.leaf = NONE;
+        }
         for (row, node) in leaves {
             self.rows[row as usize].leaf = node;
         }

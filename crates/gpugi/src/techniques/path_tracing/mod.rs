@@ -78,6 +78,8 @@ pub struct PathTracing {
     pattern: &'static str,
     passes: Stage<Constants, Passes>,
     lights: Lights,
+    /// Whether passes know of a tree of lights.
+    had_tree: bool,
     /// Most paths in flight, if not as many as the adapter's kind suggests.
     most_paths: Option<u32>,
     /// Places that are remembered of each block of 8 x 8 points, if not [`cache::PLACES_OF_BLOCK`].
@@ -129,7 +131,9 @@ impl Technique for PathTracing {
         self.lights.follow(gpu, scene)?;
         let shows_lights = [ALL, WITHOUT_CAUSTICS].contains(&self.pattern);
         let bounces = self.settings.bounces;
-        let constants = Constants::of(scene, self.pattern, bounces, shows_lights);
+        let of_light = (shows_lights, self.had_tree);
+        let constants = Constants::of(scene, self.pattern, bounces, of_light);
+        self.had_tree = constants.has_tree();
         let pattern = self.pattern;
         let made_for = constants.clone();
         self.passes.compiled(frame, made_for, |_| {

@@ -43,8 +43,14 @@ pub struct Constants {
 }
 
 impl Constants {
-    /// In `scene`, for paths of `pattern` over `bounces` surfaces. `shows_lights`: the pattern contains `LS+E`.
-    pub fn of(scene: &GpuScene, pattern: &'static str, bounces: u32, shows_lights: bool) -> Self {
+    /// In `scene`, for paths of `pattern` over `bounces` surfaces. `shows_lights`: the pattern contains `LS+E`. `had_tree`:
+    /// lights had a tree before, whose kernels are right without one, too, so that a lamp that goes off compiles nothing.
+    pub fn of(
+        scene: &GpuScene,
+        pattern: &'static str,
+        bounces: u32,
+        (shows_lights, had_tree): (bool, bool),
+    ) -> Self {
         let flag = |set: bool| f64::from(u8::from(set));
         let mut objects = scene.objects.iter();
         let passes_light = objects.any(|object| object.is_transmissive || object.is_translucent);
@@ -55,7 +61,7 @@ impl Constants {
             ("HAS_KNOWN_LIGHT", 1.0),
             ("LIGHT_TRACER_HAS_LAMPS", 0.0),
             ("LIGHT_TRACER_MERGES", 0.0),
-            ("HAS_LIGHT_TREE", flag(has_light_tree(scene))),
+            ("HAS_LIGHT_TREE", flag(had_tree || has_light_tree(scene))),
             ("HAS_LIT_MEDIA", flag(scene.has_lit_media())),
         ];
         values.extend(scene.tracking_constants());
@@ -69,6 +75,11 @@ impl Constants {
             },
             has_smooth: scene.objects.iter().any(|object| object.is_smooth),
         }
+    }
+
+    /// Whether kernels know of a tree of lights.
+    pub fn has_tree(&self) -> bool {
+        self.values.contains(&("HAS_LIGHT_TREE", 1.0))
     }
 }
 
