@@ -1,14 +1,9 @@
 // node relight-test.mjs sky SKY.js FILE.hdr DEGREES: writes the sky of the example, turned about +Y.
 // node relight-test.mjs picture CHROMIUM SITE QUERY FILE.hdr: opens the page of SITE, writes the picture that it posts.
-import { spawn } from 'node:child_process';
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
-import { createServer } from 'node:http';
-import { tmpdir } from 'node:os';
-import { extname, join, resolve, sep } from 'node:path';
+import { writeFileSync } from 'node:fs';
+import { resolve } from 'node:path';
 import { pathToFileURL } from 'node:url';
-
-/// Longest time for the picture (ms).
-const PATIENCE = 180_000;
+import { posted } from './page.mjs';
 
 /// Writes RGBA floats, rows from the top, as Radiance HDR.
 function writeHdr(path, width, height, data) {
@@ -40,81 +35,15 @@ async function sky(script, path, degrees) {
     writeHdr(path, width, height, turned);
 }
 
-const TYPES = { '.html': 'text/html; charset=utf-8', '.js': 'text/javascript' };
-
-/// Serves `site`; resolves to what the page posts.
-function served(site, open) {
-    return new Promise((done, failed) => {
-        setTimeout(() => failed(new Error('the browser says nothing')), PATIENCE).unref();
-        const root = resolve(site) + sep;
-        const server = createServer((request, response) => {
-            const path = new URL(request.url, 'http://localhost').pathname;
-            if (request.method === 'POST') {
-                const parts = [];
-                request.on('data', (part) => parts.push(part));
-                request.on('end', () => {
-                    response.end();
-                    const body = Buffer.concat(parts);
-                    path === '/picture' ? done(body) : failed(new Error(body.toString()));
-                });
-                return;
-            }
-            const file = resolve(join(root, path));
-            try {
-                const content = readFileSync(file.startsWith(root) ? file : root);
-                response.setHeader('Content-Type', TYPES[extname(file)] ?? 'application/octet-stream');
-                response.end(content);
-            } catch {
-                response.statusCode = 404;
-                response.end();
-            }
-        });
-        server.listen(0, '127.0.0.1', () => open(`http://127.0.0.1:${server.address().port}`));
-    });
-}
-
 async function picture(chromium, site, query, path) {
     const [width, height] = new URLSearchParams(query).get('post').split('x').map(Number);
-    const profile = mkdtempSync(join(tmpdir(), 'relight-'));
-    let browser;
-    try {
-        const body = await served(site, (address) => {
-            browser = spawn(
-                chromium,
-                [
-                    '--headless=new',
-                    // It may run as root in a container, and opens nothing but our own page.
-                    '--no-sandbox',
-                    '--use-angle=swiftshader',
-                    '--enable-unsafe-swiftshader',
-                    '--disable-background-networking',
-                    '--disable-component-update',
-                    '--no-first-run',
-                    `--user-data-dir=${profile}`,
-                    `${address}/index.html?${query}`,
-                ],
-                { stdio: 'ignore', detached: true },
-            );
-        });
-        const data = new Float32Array(body.buffer.slice(body.byteOffset, body.byteOffset + body.length));
-        if (data.length !== 4 * width * height) {
-            throw new Error(`${data.length} values are no picture of ${width} x ${height} pixels`);
-        }
-        const rows = Array.from({ length: height }, (_, row) => data.subarray(4 * width * row, 4 * width * (row + 1)));
-        writeHdr(path, width, height, Float32Array.from(rows.reverse().flatMap((row) => [...row])));
-    } finally {
-        if (browser) {
-            const hasEnded = browser.exitCode !== null || browser.signalCode !== null;
-            const ended = hasEnded || new Promise((done) => browser.on('exit', done));
-            try {
-                process.kill(-browser.pid, 'SIGKILL');
-            } catch {
-                // It has ended by itself.
-            }
-            await ended;
-        }
-        rmSync(profile, { recursive: true, force: true, maxRetries: 5 });
+    const body = await posted(chromium, site, `index.html?${query}`);
+    const data = new Float32Array(body.buffer.slice(body.byteOffset, body.byteOffset + body.length));
+    if (data.length !== 4 * width * height) {
+        throw new Error(`${data.length} values are no picture of ${width} x ${height} pixels`);
     }
+    const rows = Array.from({ length: height }, (_, row) => data.subarray(4 * width * row, 4 * width * (row + 1)));
+    writeHdr(path, width, height, Float32Array.from(rows.reverse().flatMap((row) => [...row])));
 }
 
 const [what, ...rest] = process.argv.slice(2);

@@ -90,6 +90,16 @@ impl Lights {
     }
 }
 
+impl Lights {
+    /// Whether what is baked holds light straight from lights.
+    pub fn hold_direct(&self) -> bool {
+        let has_direct = |name: &String| {
+            role_of(name).is_some_and(|role| [Role::Direct, Role::Everything].contains(&role))
+        };
+        !self.only_indirect && self.names.iter().any(has_direct)
+    }
+}
+
 /// Names of the techniques that add direct light on diffuse surfaces.
 pub fn direct() -> Vec<&'static str> {
     let baked = baked().into_iter();

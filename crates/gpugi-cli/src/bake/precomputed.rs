@@ -192,7 +192,7 @@ pub fn run<T: Baked>(
     work.timed("rays");
     let stored = bake.finish()?;
     let warnings = write(Some(arguments), output, |original| {
-        T::export(original, &scene, &stored, options)
+        T::export(original, &scene, &stored, options)?.changed(&options.changes(None))
     })?;
     notes.extend(warnings);
     work.timed("writing");

@@ -13,7 +13,9 @@ use gpugi::settings::SettingSet;
 use gpugi::techniques::Role;
 use gpugi::techniques::obscurances::{self, ObscurancePage};
 use gpugi_arguments::{DisplayArguments, split_settings};
-use gpugi_scene::export::{BakedLight, BakedPage, ExportError, Exported, Original, export_bake};
+use gpugi_scene::export::{
+    BakedLight, BakedPage, Changes, ExportError, Exported, LightmapQuantity, Original, export_bake,
+};
 use gpugi_scene::image::{replace_file, save_exr, save_png};
 use gpugi_scene::{Atlas, Scene};
 
@@ -37,8 +39,34 @@ pub(super) enum Mode {
     Unlit,
     /// Radiance in emissiveTexture over black, with KHR_materials_emissive_strength
     Emissive,
-    /// Irradiance without albedo in a texture named in extras, and in one .exr per page beside the file
+    /// Irradiance without albedo in a texture for MOZ_lightmap, and in one .exr per page beside the file
     Lightmap,
+}
+
+/// Programs that read lightmaps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Reader {
+    /// three.js: irradiance
+    Three,
+    /// Hubs, Ethereal Engine and others of their line: irradiance over pi, in the file as HDR, too
+    Hubs,
+    /// Bevy: irradiance over pi
+    Bevy,
+    /// Godot: irradiance over pi
+    Godot,
+    /// Unity: irradiance over pi
+    Unity,
+    /// Babylon.js: light that surfaces reflect, which is --bake-mode emissive
+    Babylon,
+}
+
+/// Units of punctual lights in files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum LightUnits {
+    /// One candela stands for one watt per steradian, as gpugi reads files
+    Radiometric,
+    /// 683 candelas stand for one watt per steradian
+    Photometric,
 }
 
 /// Which reflections a file stores.
@@ -67,6 +95,24 @@ pub struct SceneOptions {
     /// How the file stores light
     #[arg(long, value_name = "MODE", default_value = "unlit")]
     pub(super) bake_mode: Mode,
+    /// Which program a lightmap is for (docs/bake.md)
+    #[arg(long, value_name = "PROGRAM", default_value = "three")]
+    pub(super) lightmap_for: Reader,
+    /// Leave the lights out of the file, so that programs do not add their light once more (default: true for lightmaps that
+    /// hold direct light, else false)
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub(super) drop_baked_lights: Option<bool>,
+    /// Units of the lights that stay in the file: one candela for one watt per steradian, or for 1/683 of it, as Blender reads
+    /// them
+    #[arg(long, value_name = "UNITS", default_value = "radiometric")]
+    pub(super) light_units: LightUnits,
+    /// Decode geometry that meshoptimizer has compressed, for programs without its decoder
+    #[arg(long)]
+    pub(super) decode_meshopt: bool,
+    /// Leave out of the file what nothing shows any more, such as images of replaced materials (default: true for unlit bakes,
+    /// else false)
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub(super) prune: Option<bool>,
     /// Which reflections unlit and emissive bakes store
     #[arg(long, value_name = "LOBES", default_value = "diffuse")]
     pub(super) lobes: Lobes,
@@ -121,6 +167,20 @@ impl SceneOptions {
     /// Width and height of a page (texels).
     pub fn page_size(&self) -> u32 {
         self.atlas_size.unwrap_or(1024)
+    }
+
+    /// What they change of the file. `lights`: those that are baked, if light is.
+    pub(super) fn changes(&self, lights: Option<&Lights>) -> Changes {
+        let is_lightmap = self.bake_mode == Mode::Lightmap;
+        let holds_direct = lights.is_some_and(Lights::hold_direct);
+        let is_unlit = self.bake_mode == Mode::Unlit;
+        let has_light = lights.is_some_and(|lights| !lights.names.is_empty());
+        Changes {
+            drops_lights: (self.drop_baked_lights).unwrap_or(is_lightmap && holds_direct),
+            photometric: self.light_units == LightUnits::Photometric,
+            unpacks: self.decode_meshopt,
+            prunes: self.prune.unwrap_or(is_unlit && has_light),
+        }
     }
 
     /// Those that decide the result.
@@ -207,6 +267,15 @@ pub(super) fn check(output: &Path, (techniques, _, options): Order<'_>) -> anyho
     crate::output::check_folders([output])?;
     if (options.bake_mode, options.lobes) == (Mode::Lightmap, Lobes::All) {
         let message = "--lobes all: a lightmap holds what arrives, not what is reflected";
+        return Err(Usage(message.into()).into());
+    }
+    if options.bake_mode != Mode::Lightmap && options.lightmap_for != Reader::Three {
+        let message = "--lightmap-for: needs --bake-mode lightmap";
+        return Err(Usage(message.into()).into());
+    }
+    if options.lightmap_for == Reader::Babylon {
+        let message = "--lightmap-for babylon: Babylon.js adds lightmaps to the light that surfaces send out: \
+                       --bake-mode emissive bakes that";
         return Err(Usage(message.into()).into());
     }
     if options.denoise && options.samples == Some(1) {
@@ -309,8 +378,9 @@ pub fn bake<'a>(
             dump_leaks(&leaks, atlas.size, folder)?;
         }
     }
+    let changes = options.changes(Some(&lights));
     let warnings = write(source, output, |file| {
-        export_bake(file, &original, &atlas.clone().turned(&turned), &pages)
+        export_bake(file, &original, &atlas.clone().turned(&turned), &pages)?.changed(&changes)
     })?;
     notes.extend(warnings);
     work.timed("writing");
@@ -387,7 +457,7 @@ pub(super) fn light_of_pages(
             unlit(gpu, &pages, alpha.as_deref(), effects)
         }
         Mode::Emissive => Ok(pages.into_iter().map(BakedLight::Emissive).collect()),
-        Mode::Lightmap => lightmaps(pages, atlas.size, output),
+        Mode::Lightmap => lightmaps(pages, atlas.size, output, options.lightmap_for),
     }
 }
 
@@ -488,16 +558,29 @@ fn unlit(
     Ok(pages.iter().map(of_page).collect())
 }
 
-/// Converts pages of irradiance / pi to irradiance, and also writes them beside the output.
-fn lightmaps(pages: Vec<Vec<Vec3>>, size: u32, output: &Path) -> anyhow::Result<Vec<BakedLight>> {
+/// Converts pages of irradiance over pi to what a program reads, and also writes them beside the output.
+fn lightmaps(
+    pages: Vec<Vec<Vec3>>,
+    size: u32,
+    output: &Path,
+    reader: Reader,
+) -> anyhow::Result<Vec<BakedLight>> {
     let stem = output.file_stem().unwrap_or_default().to_string_lossy();
+    let (quantity, factor) = match reader {
+        Reader::Three => (LightmapQuantity::Irradiance, std::f32::consts::PI),
+        _ => (LightmapQuantity::IrradianceOverPi, 1.0),
+    };
     let lightmap = |(number, page): (usize, Vec<Vec3>)| {
-        let texels = page.into_iter().map(|texel| texel * std::f32::consts::PI);
-        let irradiance: Vec<Vec3> = texels.collect();
-        let exr = format!("{stem}-{number}.exr");
-        let floats = bytemuck::cast_slice(&irradiance);
-        save_exr(&output.with_file_name(&exr), size, size, floats).context("cannot be written")?;
-        Ok(BakedLight::Lightmap { irradiance, exr })
+        let texels: Vec<Vec3> = page.into_iter().map(|texel| texel * factor).collect();
+        let file = format!("{stem}-{number}.exr");
+        let floats = bytemuck::cast_slice(&texels);
+        save_exr(&output.with_file_name(&file), size, size, floats).context("cannot be written")?;
+        Ok(BakedLight::Lightmap {
+            texels,
+            quantity,
+            with_hdr: reader == Reader::Hubs,
+            file,
+        })
     };
     pages.into_iter().enumerate().map(lightmap).collect()
 }

@@ -8,7 +8,7 @@ use gpugi::bake::{Bake, LightBake, Task};
 use gpugi::gpu::Gpu;
 use gpugi::picture::Effects;
 use gpugi::techniques::Role;
-use gpugi_scene::export::{BakedPage, export_bake};
+use gpugi_scene::export::{BakedPage, Changes, export_bake};
 use gpugi_scene::{Atlas, Scene};
 
 use super::lights::{self, Lights};
@@ -35,6 +35,8 @@ pub struct SharedBake {
     whole: Atlas,
     atlas: Atlas,
     bake: LightBake,
+    /// Of the file.
+    changes: Changes,
     notes: Vec<String>,
 }
 
@@ -98,6 +100,7 @@ impl SharedBake {
             whole,
             atlas,
             bake,
+            changes: options.changes(Some(&lights)),
             notes,
         })
     }
@@ -167,6 +170,7 @@ impl SharedBake {
             effects,
             atlas,
             bake,
+            changes,
             mut notes,
             ..
         } = self;
@@ -180,7 +184,7 @@ impl SharedBake {
         };
         let pages: Vec<BakedPage> = light.into_iter().map(of_page).collect();
         notes.extend(write(source.as_ref(), output, |file| {
-            export_bake(file, &original, &atlas.clone().turned(&turned), &pages)
+            export_bake(file, &original, &atlas.clone().turned(&turned), &pages)?.changed(&changes)
         })?);
         Ok(Baked {
             pages: [atlas.pages, atlas.size],

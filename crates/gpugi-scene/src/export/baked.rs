@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::{ExportError, gltf};
 use crate::{Limits, Resolver};
 
 /// The glTF file that a scene was imported from.
@@ -38,14 +39,39 @@ pub enum BakedLight {
     Unlit(Vec<[u8; 4]>),
     /// Radiance [W/sr/m^2], including emission. The materials become black and emit it.
     Emissive(Vec<Vec3>),
-    /// Irradiance [W/m^2], which viewers multiply by albedo / pi. glTF has no place for it: `extras.gpugi.lightmap` of
-    /// the materials refers to the texture. The materials are otherwise unchanged.
+    /// Light that arrives, whose diffuse reflection viewers add: MOZ_lightmap of the materials refers to the texture, of 8
+    /// linear bits and with a scale per instance. The materials are otherwise unchanged.
     Lightmap {
-        /// Irradiance [W/m^2].
-        irradiance: Vec<Vec3>,
-        /// A file next to the exported one that holds the same data without loss. The caller writes it.
-        exr: String,
+        /// The texels.
+        texels: Vec<Vec3>,
+        /// What they hold.
+        quantity: LightmapQuantity,
+        /// Whether the file also holds them as Radiance HDR, by MOZ_texture_rgbe.
+        with_hdr: bool,
+        /// A file next to the exported one that holds the same texels without loss, named in `extras.gpugi.lightmap` of the
+        /// materials. The caller writes it.
+        file: String,
     },
+}
+
+/// What a lightmap holds [W/m^2].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LightmapQuantity {
+    /// Irradiance E: a diffuse surface of albedo a reflects the radiance a E / pi. As three.js reads them.
+    #[default]
+    Irradiance,
+    /// Irradiance over pi: the radiance of a white surface. As most engines read them.
+    IrradianceOverPi,
+}
+
+impl LightmapQuantity {
+    /// Its name in `extras.gpugi.lightmap.quantity`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Irradiance => "irradiance",
+            Self::IrradianceOverPi => "irradiance / pi",
+        }
+    }
 }
 
 /// A glTF file in memory.
@@ -55,6 +81,34 @@ pub struct Exported {
     pub glb: Vec<u8>,
     /// What could not be kept or expressed.
     pub warnings: Vec<String>,
+}
+
+/// What is changed of a whole file after it is written, for the programs that read it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Changes {
+    /// Leave out punctual lights: programs would add their light to that of a lightmap.
+    pub drops_lights: bool,
+    /// Write the intensity of punctual lights in photometric units, as glTF has them: 683 lumens per watt. gpugi takes one
+    /// candela for one watt per steradian.
+    pub photometric: bool,
+    /// Decode geometry that meshoptimizer has compressed, for programs without its decoder.
+    pub unpacks: bool,
+    /// Leave out meshes, materials, textures, images, accessors, attributes and bytes that nothing shows any more. Files with
+    /// extensions that are unknown here stay whole.
+    pub prunes: bool,
+}
+
+impl Exported {
+    /// The same file with `changes`.
+    ///
+    /// # Errors
+    /// If it would exceed 4 GiB, or if what is compressed cannot be decoded.
+    pub fn changed(self, changes: &Changes) -> Result<Self, ExportError> {
+        if *changes == Changes::default() {
+            return Ok(self);
+        }
+        gltf::changed::changed(self, changes)
+    }
 }
 
 /// How a file stores transfer vectors.

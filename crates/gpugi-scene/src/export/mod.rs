@@ -7,7 +7,9 @@ mod gltf;
 
 use crate::atlas::Atlas;
 use crate::{LightPathPanes, Scene, TransferVectors};
-pub use baked::{BakedLight, BakedPage, Exported, Original, TransferFormat};
+pub use baked::{
+    BakedLight, BakedPage, Changes, Exported, LightmapQuantity, Original, TransferFormat,
+};
 pub use error::ExportError;
 
 /// Writes `scene` as a .glb: one node per instance, materials as far as glTF and its extensions can express them,

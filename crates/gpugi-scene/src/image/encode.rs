@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use image::codecs::{hdr::HdrEncoder, openexr::OpenExrEncoder, png::PngEncoder};
+use image::codecs::{hdr::HdrEncoder, png::PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, Rgb};
 
 /// Writes an 8-bit PNG with alpha. `rgba`: width x height x 4 sRGB values, row by row from the top.
@@ -29,14 +29,12 @@ pub fn save_exr(path: &Path, width: u32, height: u32, rgb: &[f32]) -> io::Result
 /// As [`save_exr`], to anything that can be written.
 pub fn write_exr(file: impl Write + Seek, width: u32, height: u32, rgb: &[f32]) -> io::Result<()> {
     check_length(width, height, 3, rgb.len())?;
-    OpenExrEncoder::new(file)
-        .write_image(
-            bytemuck::cast_slice(rgb),
-            width,
-            height,
-            ExtendedColorType::Rgb32F,
-        )
-        .map_err(io::Error::other)
+    let channel = |(number, name): (usize, &str)| {
+        let values = rgb.iter().skip(number).step_by(3);
+        (name.to_owned(), values.copied().collect())
+    };
+    let channels = ["R", "G", "B"].into_iter().enumerate().map(channel);
+    write_exr_channels(file, width, height, channels.collect())
 }
 
 /// Writes an OpenEXR file of 32-bit floats with any channels: names, such as `ViewLayer.Depth.Z`, and width x height
@@ -47,7 +45,20 @@ pub fn save_exr_layers(
     height: u32,
     channels: Vec<(String, Vec<f32>)>,
 ) -> io::Result<()> {
-    use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
+    replace_file(path, |file| {
+        write_exr_channels(file, width, height, channels)
+    })
+}
+
+/// Scan lines from the top, compressed by ZIP: tiles and other compressions are files that some programs refuse, such as
+/// Babylon.js.
+fn write_exr_channels(
+    file: impl Write + Seek,
+    width: u32,
+    height: u32,
+    channels: Vec<(String, Vec<f32>)>,
+) -> io::Result<()> {
+    use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, WritableImage};
     for (_, values) in &channels {
         check_length(width, height, 1, values.len())?;
     }
@@ -58,10 +69,9 @@ pub fn save_exr_layers(
         )
     });
     let channels = AnyChannels::sort(channels.collect());
-    let image = Image::from_channels((width as usize, height as usize), channels);
-    replace_file(path, |file| {
-        image.write().to_buffered(file).map_err(io::Error::other)
-    })
+    let size = (width as usize, height as usize);
+    let image = Image::from_encoded_channels(size, Encoding::SMALL_LOSSLESS, channels);
+    image.write().to_buffered(file).map_err(io::Error::other)
 }
 
 /// Writes a Radiance HDR file, in which three 8-bit mantissas share an exponent. `rgb` as for [`save_exr`].

@@ -22,6 +22,16 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// None, for files that were written here from what has been read within limits.
+    pub(crate) const NONE: Self = Self {
+        file_bytes: u64::MAX,
+        image_side: u32::MAX,
+        image_bytes: u64::MAX,
+        scene_bytes: u64::MAX,
+        expansion: u64::MAX,
+        displaced_triangles: u64::MAX,
+    };
+
     /// Changes limits as `text` says: `file=BYTES,side=TEXELS,images=BYTES,scene=BYTES,expansion=N,displacement=N`, any of
     /// them. Bytes may end in KiB, MiB or GiB.
     ///

@@ -322,3 +322,37 @@ fn a_cube_is_named() {
         "{error}"
     );
 }
+
+/// Tiles, other compressions and other orders are files that some programs refuse.
+#[test]
+fn written_files_are_scan_lines_from_the_top() {
+    let rgb: Vec<f32> = (0..3 * WIDTH * HEIGHT).map(|value| value as f32).collect();
+    let [width, height] = [WIDTH, HEIGHT].map(|side| side as u32);
+    let path =
+        |name: &str| std::env::temp_dir().join(format!("gpugi-{name}-{}.exr", std::process::id()));
+    let [plain, layers] = ["plain", "layers"].map(path);
+    gpugi_scene::image::save_exr(&plain, width, height, &rgb).unwrap();
+    let depth = (
+        "ViewLayer.Depth.Z".to_owned(),
+        rgb[..WIDTH * HEIGHT].to_vec(),
+    );
+    gpugi_scene::image::save_exr_layers(&layers, width, height, vec![depth]).unwrap();
+    let files = [&plain, &layers].map(|path| {
+        let bytes = std::fs::read(path).unwrap();
+        std::fs::remove_file(path).unwrap();
+        bytes
+    });
+    for bytes in &files {
+        let meta = exr::meta::MetaData::read_from_buffered(bytes.as_slice(), true).unwrap();
+        let header = &meta.headers[0];
+        assert_eq!(header.blocks, exr::meta::BlockDescription::ScanLines);
+        assert_eq!(header.compression, Compression::ZIP16);
+        assert_eq!(header.line_order, LineOrder::Increasing);
+    }
+    let read = decode_radiance("plain.exr", &files[0], &Limits::default()).unwrap();
+    let Pixels::Rgba32Float(read) = read.pixels else {
+        panic!("{:?}", read.pixels);
+    };
+    let found = read.chunks(4).flat_map(|texel| &texel[..3]);
+    assert!(found.eq(&rgb));
+}

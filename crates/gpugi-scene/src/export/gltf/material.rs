@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use super::json::{Json, Object, index, object, remove_empty};
 use super::output::Output;
+use super::primitive::PageSet;
 use super::textures::{LightTexture, PageTextures};
 use crate::export::ExportError;
 
@@ -13,13 +14,15 @@ const UNLIT: &str = "KHR_materials_unlit";
 const STRENGTH: &str = "KHR_materials_emissive_strength";
 const SPECULAR: &str = "KHR_materials_specular";
 const VARIANTS: &str = "KHR_materials_variants";
+/// Hubs' extension for lightmaps, which three.js reads, too.
+const LIGHTMAP: &str = "MOZ_lightmap";
 
 /// What a baked material depends on besides the original.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Use {
     pub page: u32,
     /// UV set that maps to the page.
-    pub uv_set: u32,
+    pub uv_set: PageSet,
     /// The value that a texel of 1 stands for, as the bits of a float.
     pub scale: u32,
 }
@@ -32,6 +35,33 @@ pub type Uses = HashMap<Primitive, Use>;
 
 /// Groups of primitives that get the same material, derived from the same original or from glTF's default.
 type Changes = BTreeMap<(Option<usize>, Use), Vec<Primitive>>;
+
+/// The set in which programs look for the coordinates of a page: the first if nothing of the material that stays reads
+/// coordinates, because some read no other; else the second, which is that of lightmaps in most. `None`, the first free
+/// one, where variants read the file's own.
+pub fn wanted_set(
+    file: &mut Json,
+    (mesh, number): Primitive,
+    light: &Option<LightTexture>,
+) -> Result<Option<u32>, ExportError> {
+    let primitive = file.primitive(mesh, number)?;
+    let has_variants = primitive
+        .get("extensions")
+        .is_some_and(|extensions| extensions.get(VARIANTS).is_some());
+    if has_variants {
+        return Ok(None);
+    }
+    let material = index(primitive, "material");
+    let is_first = match light {
+        Some(LightTexture::Unlit { .. }) => true,
+        Some(LightTexture::Emissive { .. }) => match material {
+            Some(material) => coverage(file.at("materials", material)?).1.is_none(),
+            None => true,
+        },
+        _ => false,
+    };
+    Ok(Some(u32::from(!is_first)))
+}
 
 /// Assigns materials to the baked primitives. A material without other users is changed in place; otherwise baked
 /// primitives share copies.
@@ -133,7 +163,10 @@ fn show(
     wanted: Use,
     file: &mut Json,
 ) -> Result<(), ExportError> {
-    let (uv_set, scale) = (wanted.uv_set, f32::from_bits(wanted.scale));
+    let (uv_set, scale) = (wanted.uv_set.set, f32::from_bits(wanted.scale));
+    if let Some(other) = wanted.uv_set.swapped {
+        swap_sets(material, [uv_set, other]);
+    }
     let reference = |texture: usize| json!({ "index": texture, "texCoord": uv_set });
     match &page.light {
         None => {}
@@ -173,12 +206,16 @@ fn show(
                 file.uses(STRENGTH)?;
             }
         }
-        Some(LightTexture::Lightmap { texture, exr }) => {
-            let lightmap = json!({
-                "index": texture, "texCoord": uv_set, "quantity": "irradiance", "transfer": "srgb",
-                "scale": scale, "exr": exr,
-            });
-            own_extras(material).insert("lightmap".to_owned(), lightmap);
+        Some(LightTexture::Lightmap {
+            texture,
+            quantity,
+            file: beside,
+        }) => {
+            let lightmap = json!({ "index": texture, "texCoord": uv_set, "intensity": scale });
+            object(material, "extensions").insert(LIGHTMAP.to_owned(), lightmap);
+            file.uses(LIGHTMAP)?;
+            let own = json!({ "file": beside, "texCoord": uv_set, "quantity": quantity.name() });
+            own_extras(material).insert("lightmap".to_owned(), own);
         }
     }
     if let Some(name) = page.stored {
@@ -193,6 +230,32 @@ fn show(
         own_extras(material).insert("coloredObscurance".to_owned(), texture);
     }
     Ok(())
+}
+
+/// Lets what a material reads by one set of coordinates read the other, and the reverse.
+fn swap_sets(material: &mut Object, [one, other]: [u32; 2]) {
+    let swapped = |set: u64| match set {
+        set if set == u64::from(one) => Some(other),
+        set if set == u64::from(other) => Some(one),
+        _ => None,
+    };
+    let is_texture = material.get("index").is_some_and(Value::is_u64);
+    let set = match material.get("texCoord") {
+        Some(set) => set.as_u64(),
+        None => is_texture.then_some(0),
+    };
+    if let Some(set) = set.and_then(swapped) {
+        material.insert("texCoord".to_owned(), set.into());
+    }
+    for (name, value) in material.iter_mut() {
+        let value = match name.as_str() {
+            "extras" => value.get_mut("gpugi"),
+            _ => Some(value),
+        };
+        if let Some(Value::Object(value)) = value {
+            swap_sets(value, [one, other]);
+        }
+    }
 }
 
 /// `extras.gpugi`. Extras that are not an object move to `extras.original`.

@@ -5,6 +5,7 @@
 //! [`textures`] the baked pages, with each of their [`parts`] scaled to use the full value range; [`material`] refers
 //! to them. Scenes without an original are first written by [`scene`].
 
+pub mod changed;
 mod embed;
 mod json;
 mod material;
@@ -12,6 +13,7 @@ mod output;
 mod panes;
 mod parts;
 mod primitive;
+mod prune;
 pub mod scene;
 mod texels;
 mod textures;
@@ -90,12 +92,7 @@ pub fn bake(
     }
     let written = scene::write(scene)?;
     let bytes = written.output.glb()?;
-    let limits = Limits {
-        scene_bytes: u64::MAX,
-        expansion: u64::MAX,
-        ..Limits::default()
-    };
-    let document = Document::read(&scene.name, &bytes, &Nothing, &limits)?;
+    let document = Document::read(&scene.name, &bytes, &Nothing, &Limits::NONE)?;
     let placed = placed(written.origins.into_iter(), atlas)?;
     let mut exported = Baker::new(&document, &Nothing)?.bake(placed, atlas, pages, stored)?;
     exported.warnings.splice(0..0, written.warnings);
@@ -253,17 +250,23 @@ impl<'a> Baker<'a> {
                     "nodes share more vertices than can be read for each",
                 ));
             }
+            let light = &pages[uvs.page as usize].light;
+            let wanted = material::wanted_set(&mut self.output.json, (target, primitive), light)?;
             let uv_set = primitive::add_uvs(
                 self.document,
                 &mut self.output,
                 (target, primitive),
                 source,
                 triangles,
-                &uvs.corners,
+                (&uvs.corners, wanted),
             )?;
-            if uv_set > 1 {
+            // What else unlit and emissive materials read are not the file's own sets, but for one of coverage.
+            let keeps = matches!(light, None | Some(LightTexture::Lightmap { .. }));
+            let own = uv_set.swapped.filter(|_| keeps || uv_set.set > 0);
+            let further = uv_set.set.max(own.unwrap_or(0));
+            if further > 1 {
                 self.warnings.push(format!(
-                    "nodes[{node}]: its coordinates are TEXCOORD_{uv_set}; some viewers read only two sets"
+                    "nodes[{node}]: it has coordinates in TEXCOORD_{further}; some viewers read only two sets"
                 ));
             }
             let wanted = Use {
@@ -273,7 +276,6 @@ impl<'a> Baker<'a> {
             };
             uses.insert((target, primitive), wanted);
             // Unlit and emissive bakes emit, which no sphere may.
-            let light = &pages[uvs.page as usize].light;
             if matches!(
                 light,
                 Some(LightTexture::Unlit { .. } | LightTexture::Emissive { .. })

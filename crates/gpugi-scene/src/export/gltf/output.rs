@@ -36,6 +36,29 @@ impl Output {
         }
     }
 
+    /// That of a file which [`Output::glb`] has made.
+    pub fn of_glb(glb: &[u8]) -> Result<Self, ExportError> {
+        let broken = || ExportError::new("chunks", "they do not fit the file");
+        let mut chunks = Vec::new();
+        let mut rest = glb.get(12..).ok_or_else(broken)?;
+        while !rest.is_empty() {
+            let length = rest.first_chunk().copied().map(u32::from_le_bytes);
+            let length = length.ok_or_else(broken)? as usize;
+            let content = rest.get(8..).and_then(|rest| rest.get(..length));
+            chunks.push(content.ok_or_else(broken)?);
+            rest = &rest[8 + length..];
+            if chunks.len() == 2 {
+                break;
+            }
+        }
+        let json = chunks.first().ok_or_else(broken)?;
+        Ok(Self {
+            json: Json::parse(json)?,
+            binary: chunks.get(1).copied().unwrap_or_default().to_vec(),
+            further_chunks: rest.to_vec(),
+        })
+    }
+
     /// Rejects content that does not fit a .glb, before it is allocated.
     pub fn reserve(&self, length: usize) -> Result<(), ExportError> {
         let total = self.binary.len().checked_add(length);
@@ -109,18 +132,70 @@ impl Output {
         png: &[u8],
         sampler: usize,
     ) -> Result<usize, ExportError> {
-        let image = self.image(name, png)?;
+        let image = self.image(name, png, "image/png")?;
         self.json
             .push("textures", json!({ "sampler": sampler, "source": image }))
     }
 
-    /// Adds a PNG image; returns its index.
-    pub fn image(&mut self, name: &str, png: &[u8]) -> Result<usize, ExportError> {
-        let view = self.view(png, None)?;
+    /// Adds an image of a type; returns its index.
+    pub fn image(&mut self, name: &str, bytes: &[u8], kind: &str) -> Result<usize, ExportError> {
+        let view = self.view(bytes, None)?;
         self.json.push(
             "images",
-            json!({ "name": name, "mimeType": "image/png", "bufferView": view }),
+            json!({ "name": name, "mimeType": kind, "bufferView": view }),
         )
+    }
+
+    /// Leaves out bytes of the buffer that no view shows, unless views share so many that copies would need more.
+    pub fn compact(&mut self) {
+        const PACKED: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
+        let mut compact = Vec::new();
+        let mut moved = self.json.list("bufferViews").to_vec();
+        let most = self.binary.len() + moved.len() * ALIGNMENT;
+        for view in &mut moved {
+            let mut ranges = Vec::new();
+            if let Some(extensions) = view.get_mut("extensions").and_then(Value::as_object_mut) {
+                let packed = extensions.iter_mut();
+                let packed = packed.filter(|(name, _)| PACKED.contains(&name.as_str()));
+                ranges.extend(packed.map(|(_, range)| range));
+            }
+            for range in ranges {
+                if self.take(range, &mut compact, most).is_none() {
+                    return;
+                }
+            }
+            if self.take(view, &mut compact, most).is_none() {
+                return;
+            }
+        }
+        // A buffer has at least one byte.
+        if !compact.is_empty() && compact.len() <= self.binary.len() {
+            self.binary = compact;
+            let root = self.json.root();
+            root.insert("bufferViews".to_owned(), Value::Array(moved));
+        }
+    }
+
+    /// Appends the bytes of a range of buffer 0 to `compact`, and moves the range there. `None` if there are no such bytes
+    /// or `compact` would become longer than `most`.
+    fn take(&self, range: &mut Value, compact: &mut Vec<u8>, most: usize) -> Option<()> {
+        if range["buffer"] != 0 {
+            return Some(());
+        }
+        let number = |key: &str| match range.get(key) {
+            Some(value) => usize::try_from(value.as_u64()?).ok(),
+            None => Some(0),
+        };
+        let (start, length) = (number("byteOffset")?, number("byteLength")?);
+        let bytes = self.binary.get(start..start.checked_add(length)?)?;
+        let offset = compact.len().next_multiple_of(ALIGNMENT);
+        if offset + length > most {
+            return None;
+        }
+        compact.resize(offset, 0);
+        compact.extend(bytes);
+        range["byteOffset"] = offset.into();
+        Some(())
     }
 
     /// The finished file.

@@ -22,27 +22,58 @@ pub struct Triangles {
     pub corners: Vec<u32>,
 }
 
-/// Gives the primitive (mesh, number) of `output`, a copy of `source`, the texture coordinates `uvs` at its corners.
-/// Returns the number of their set.
+/// The set of texture coordinates that maps a primitive to its page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PageSet {
+    pub set: u32,
+    /// Where coordinates of that number are now, if the file had others there; and the reverse.
+    pub swapped: Option<u32>,
+}
+
+/// Gives the primitive (mesh, number) of `output`, a copy of `source`, the texture coordinates `uvs` at its corners, as
+/// set `wanted` if it is given, else as the first free one.
 pub fn add_uvs(
     document: &Document,
     output: &mut Output,
     (mesh, primitive): (usize, usize),
     source: &Primitive,
     triangles: &Triangles,
-    uvs: &[Vec2],
-) -> Result<u32, ExportError> {
+    (uvs, wanted): (&[Vec2], Option<u32>),
+) -> Result<PageSet, ExportError> {
     let place = format!("meshes[{mesh}].primitives[{primitive}]");
-    let mut set = 0;
-    while let Some(&accessor) = source.attributes.get(&format!("TEXCOORD_{set}")) {
-        if holds(document, accessor, triangles, uvs) {
-            return Ok(set);
+    let mut sets = 0;
+    let mut held = None;
+    while let Some(&accessor) = source.attributes.get(&format!("TEXCOORD_{sets}")) {
+        if held.is_none() && holds(document, accessor, triangles, uvs) {
+            held = Some(sets);
         }
-        set += 1;
+        sets += 1;
     }
-    let split = Split::new(triangles, uvs);
+    let set = wanted.unwrap_or_else(|| held.unwrap_or(sets));
     let mut attributes = source.attributes.clone();
     let mut targets = source.targets.clone();
+    if held == Some(set) {
+        return Ok(PageSet { set, swapped: None });
+    }
+    if let Some(held) = held {
+        // The same vertices: sets change places, or the coordinates serve as two sets.
+        let swapped = (set < sets).then_some(held);
+        match swapped {
+            Some(other) => std::iter::once(&mut attributes)
+                .chain(&mut targets)
+                .for_each(|list| swap(list, set, other)),
+            None => {
+                attributes.insert(name_of(set), attributes[&name_of(held)]);
+            }
+        }
+        write_all(
+            output.json.primitive(mesh, primitive)?,
+            &attributes,
+            &targets,
+        );
+        return Ok(PageSet { set, swapped });
+    }
+    let split = Split::new(triangles, uvs);
     let mut indices = source.indices;
     if split.changes(triangles) {
         let mut copies = HashMap::new();
@@ -63,17 +94,21 @@ pub fn add_uvs(
         indices = Some(output.indices(&split.indices, split.sources.len())?);
     }
     let uvs: Vec<[f32; 2]> = split.uvs.iter().map(Vec2::to_array).collect();
-    attributes.insert(format!("TEXCOORD_{set}"), output.floats(&uvs)?);
+    let uvs = output.floats(&uvs)?;
+    // What was there becomes the last set.
+    let swapped = (set < sets).then_some(sets);
+    if let Some(other) = swapped {
+        let lists = std::iter::once(&mut attributes).chain(&mut targets);
+        lists.for_each(|list| swap(list, set, other));
+    }
+    // Sets are numbered from 0 without gaps.
+    for number in sets..set {
+        attributes.insert(name_of(number), uvs);
+    }
+    attributes.insert(name_of(set), uvs);
 
     let json = output.json.primitive(mesh, primitive)?;
-    write(object(json, "attributes"), &attributes);
-    if let Some(list) = json.get_mut("targets").and_then(Value::as_array_mut) {
-        for (json, target) in list.iter_mut().zip(&targets) {
-            json.as_object_mut()
-                .into_iter()
-                .for_each(|json| write(json, target));
-        }
-    }
+    write_all(json, &attributes, &targets);
     if split.changes(triangles) {
         json.shift_remove("mode");
     }
@@ -85,10 +120,40 @@ pub fn add_uvs(
         object(json, "extensions").shift_remove(DRACO);
         remove_empty(json, "extensions");
     }
-    Ok(set)
+    Ok(PageSet { set, swapped })
+}
+
+fn name_of(set: u32) -> String {
+    format!("TEXCOORD_{set}")
+}
+
+/// Lets two sets of texture coordinates change places, as far as a list has them.
+fn swap(attributes: &mut BTreeMap<String, usize>, one: u32, other: u32) {
+    let [one, other] = [one, other].map(name_of);
+    let accessors = [&one, &other].map(|name| attributes.remove(name));
+    for (name, accessor) in [other, one].into_iter().zip(accessors) {
+        accessor.map(|accessor| attributes.insert(name, accessor));
+    }
+}
+
+/// Writes the attributes of a primitive, and those of its morph targets.
+fn write_all(
+    json: &mut Object,
+    attributes: &BTreeMap<String, usize>,
+    targets: &[BTreeMap<String, usize>],
+) {
+    write(object(json, "attributes"), attributes);
+    if let Some(list) = json.get_mut("targets").and_then(Value::as_array_mut) {
+        for (json, target) in list.iter_mut().zip(targets) {
+            json.as_object_mut()
+                .into_iter()
+                .for_each(|json| write(json, target));
+        }
+    }
 }
 
 fn write(json: &mut Object, attributes: &BTreeMap<String, usize>) {
+    json.retain(|name, _| !name.starts_with("TEXCOORD_") || attributes.contains_key(name));
     for (name, &accessor) in attributes {
         json.insert(name.clone(), accessor.into());
     }

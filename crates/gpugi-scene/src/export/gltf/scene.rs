@@ -202,7 +202,7 @@ impl Writer<'_> {
         let scene = self.scene;
         for image in &scene.images {
             let png = self.png(image)?;
-            self.output.image(&image.name, &png)?;
+            self.output.image(&image.name, &png, "image/png")?;
         }
         for texture in &scene.textures {
             let wrap = texture.wrap.map(|wrap| match wrap {

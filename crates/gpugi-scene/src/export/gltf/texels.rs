@@ -36,18 +36,9 @@ pub fn imported(
     name: &str,
     atlas: &Atlas,
 ) -> Result<(Scene, Atlas), ExportError> {
-    // The original has been read within its limits.
-    let limits = Limits {
-        scene_bytes: u64::MAX,
-        expansion: u64::MAX,
-        file_bytes: u64::MAX,
-        image_bytes: u64::MAX,
-        image_side: u32::MAX,
-        displaced_triangles: u64::MAX,
-    };
     let glb = output.clone().glb()?;
-    let scene = gltf::import("baked.glb", &glb, resolver, &limits)?;
-    let document = Document::read("baked.glb", &glb, resolver, &limits)?;
+    let scene = gltf::import("baked.glb", &glb, resolver, &Limits::NONE)?;
+    let document = Document::read("baked.glb", &glb, resolver, &Limits::NONE)?;
     let atlas = texels::atlas(&document, &scene, name, atlas.size, atlas.pages)?;
     Ok((scene, atlas))
 }

@@ -1,15 +1,29 @@
 //! Encodes baked texels as PNG textures.
 
 use glam::Vec3;
+use image::codecs::hdr::HdrEncoder;
 use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
+use image::{ExtendedColorType, ImageEncoder, Rgb};
 use serde_json::json;
 
+use super::json::object;
 use super::output::Output;
 use super::parts::Parts;
 use crate::atlas::Atlas;
-use crate::export::{BakedLight, BakedPage, ExportError};
+use crate::export::{BakedLight, BakedPage, ExportError, LightmapQuantity};
 use crate::image::srgb_from_linear;
+
+/// Hubs' extension for textures of floating point.
+const RGBE: &str = "MOZ_texture_rgbe";
+
+/// How a texture stores values between 0 and 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Encoding {
+    /// By the sRGB curve, which puts the precision where the eye notices differences.
+    Srgb,
+    Linear,
+    LinearAndHdr,
+}
 
 /// The texture indices of a page.
 pub struct PageTextures {
@@ -29,10 +43,12 @@ pub enum LightTexture {
     Emissive {
         texture: usize,
     },
-    /// A texel of 1 stands for an irradiance equal to the instance's scale [W/m^2].
+    /// A texel of 1 stands for as much of the quantity as the instance's scale says [W/m^2].
     Lightmap {
         texture: usize,
-        exr: String,
+        quantity: LightmapQuantity,
+        /// As in [`BakedLight::Lightmap`].
+        file: String,
     },
 }
 
@@ -102,12 +118,24 @@ impl Writer<'_> {
                 texture: self.unlit(texels)?,
             }),
             Some(BakedLight::Emissive(radiance)) => Some(LightTexture::Emissive {
-                texture: self.scaled("radiance", radiance)?,
+                texture: self.scaled("radiance", radiance, Encoding::Srgb)?,
             }),
-            Some(BakedLight::Lightmap { irradiance, exr }) => Some(LightTexture::Lightmap {
-                texture: self.scaled("irradiance", irradiance)?,
-                exr: exr.clone(),
-            }),
+            Some(BakedLight::Lightmap {
+                texels,
+                quantity,
+                with_hdr,
+                file,
+            }) => {
+                let encoding = match with_hdr {
+                    true => Encoding::LinearAndHdr,
+                    false => Encoding::Linear,
+                };
+                Some(LightTexture::Lightmap {
+                    texture: self.scaled("lightmap", texels, encoding)?,
+                    quantity: *quantity,
+                    file: file.clone(),
+                })
+            }
         };
         Ok(PageTextures {
             obscurance,
@@ -143,9 +171,14 @@ impl Writer<'_> {
     }
 
     /// Encodes values divided by a scale per instance, so that dim instances do not lose precision to bright ones
-    /// elsewhere. sRGB puts the precision where the eye notices differences. Dithering spreads the rounding error over
-    /// neighbouring texels, so that dim light beside a bright spot shows no bands.
-    fn scaled(&mut self, what: &str, values: &[Vec3]) -> Result<usize, ExportError> {
+    /// elsewhere. Dithering spreads the rounding error over neighbouring texels, so that dim light beside a bright spot
+    /// shows no bands.
+    fn scaled(
+        &mut self,
+        what: &str,
+        values: &[Vec3],
+        encoding: Encoding,
+    ) -> Result<usize, ExportError> {
         self.check(what, values.len())?;
         let finite = |value: &Vec3| {
             if value.is_finite() {
@@ -168,21 +201,45 @@ impl Writer<'_> {
             self.scales[instance] = scales[part];
         }
         parts.spread();
-        let encode = |value: f32, scale: f32| {
+        let texels = values.iter().zip(&parts.of_texels).map(|(value, part)| {
+            let scale = scales.get(*part as usize).copied().unwrap_or(0.0);
             let scale = if scale > 0.0 { scale } else { 1.0 };
-            srgb_from_linear((value / scale).clamp(0.0, 1.0))
+            (finite(value) / scale).clamp(Vec3::ZERO, Vec3::ONE)
+        });
+        let texels: Vec<Vec3> = texels.collect();
+        let encode = |value: f32| match encoding {
+            Encoding::Srgb => srgb_from_linear(value),
+            Encoding::Linear | Encoding::LinearAndHdr => value,
         };
-        let texels = values.iter().zip(&parts.of_texels).enumerate();
         let bytes: Vec<u8> = texels
-            .flat_map(|(texel, (value, part))| {
-                let scale = scales.get(*part as usize).copied().unwrap_or(0.0);
+            .iter()
+            .enumerate()
+            .flat_map(|(texel, value)| {
                 let offset = dither(texel as u32 % self.size, texel as u32 / self.size);
-                finite(value)
+                value
                     .to_array()
-                    .map(|value| dithered(encode(value, scale), offset))
+                    .map(|value| dithered(encode(value), offset))
             })
             .collect();
-        self.png(what, &bytes, ExtendedColorType::Rgb8)
+        let texture = self.png(what, &bytes, ExtendedColorType::Rgb8)?;
+        if encoding == Encoding::LinearAndHdr {
+            self.hdr(what, texture, &texels)?;
+        }
+        Ok(texture)
+    }
+
+    /// Adds the same texels in floating point to a texture, for programs that read MOZ_texture_rgbe.
+    fn hdr(&mut self, what: &str, texture: usize, texels: &[Vec3]) -> Result<(), ExportError> {
+        let texels: Vec<_> = texels.iter().map(|texel| Rgb(texel.to_array())).collect();
+        let mut hdr = Vec::new();
+        HdrEncoder::new(&mut hdr)
+            .encode(&texels, self.size as usize, self.size as usize)
+            .map_err(|reason| ExportError::new(&self.place, reason))?;
+        let name = format!("baked {what} {}", self.page);
+        let image = self.output.image(&name, &hdr, "image/vnd.radiance")?;
+        let texture = self.output.json.at("textures", texture)?;
+        object(texture, "extensions").insert(RGBE.to_owned(), json!({ "source": image }));
+        self.output.json.uses(RGBE)
     }
 
     fn check(&self, what: &str, texels: usize) -> Result<(), ExportError> {

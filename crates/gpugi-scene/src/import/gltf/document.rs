@@ -26,7 +26,7 @@ const SUPPORTED: [&str; 12] = [
     "KHR_texture_transform",
 ];
 pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
-const MESHOPT: &str = "EXT_meshopt_compression";
+pub const MESHOPT: &str = "EXT_meshopt_compression";
 
 /// A parsed file with its buffers.
 pub struct Document<'a> {

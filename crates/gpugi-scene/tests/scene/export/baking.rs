@@ -150,13 +150,11 @@ pub fn keep(glb: &[u8]) {
     }
 }
 
-/// Every corner of every triangle of a scene: its position in world space, and its coordinates in the UV set that `set`
-/// chooses per instance.
-fn corners(scene: &Scene, set: impl Fn(usize) -> usize) -> Vec<(Vec3, Vec2)> {
-    let instances = scene.instances.iter().enumerate();
-    let corners = instances.flat_map(|(number, instance)| {
+/// Every corner of every triangle of a scene: its position in world space, and its coordinates in UV set `set`.
+fn corners(scene: &Scene, set: usize) -> Vec<(Vec3, Vec2)> {
+    let corners = scene.instances.iter().flat_map(|instance| {
         let mesh = &scene.meshes[instance.mesh];
-        let uvs = &mesh.uvs[set(number)];
+        let uvs = &mesh.uvs[set];
         mesh.indices.iter().map(move |&index| {
             let position = mesh.positions[index as usize];
             let uv = uvs.get(index as usize);
@@ -169,22 +167,17 @@ fn corners(scene: &Scene, set: impl Fn(usize) -> usize) -> Vec<(Vec3, Vec2)> {
 
 /// Every corner of every triangle of a scene, in world space.
 pub fn positions(scene: &Scene) -> Vec<Vec3> {
-    let corners = corners(scene, |_| 0).into_iter();
+    let corners = corners(scene, 0).into_iter();
     corners.map(|(position, _)| position).collect()
 }
 
-/// Checks that the bake shows each triangle of the original in its place, with its atlas coordinates in the first UV
-/// set that the original leaves free.
+/// Checks that the bake shows each triangle of the original in its place, with its atlas coordinates in UV set `set`.
 #[track_caller]
-pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene) {
+pub fn assert_mapped(original: &Scene, atlas: &Atlas, baked: &Scene, set: usize) {
     let uvs = atlas.instances.iter().flatten();
     let uvs = uvs.flat_map(|uvs| uvs.corners.clone());
     let expected: Vec<(Vec3, Vec2)> = positions(original).into_iter().zip(uvs).collect();
-    let free = |instance: usize| {
-        let mesh = &original.meshes[original.instances[instance].mesh];
-        mesh.uvs.iter().take_while(|set| !set.is_empty()).count()
-    };
-    let found = corners(baked, free);
+    let found = corners(baked, set);
     assert_eq!(found.len(), expected.len());
     for (corner, (found, expected)) in found.into_iter().zip(expected).enumerate() {
         assert_eq!(found, expected, "corner {corner}");

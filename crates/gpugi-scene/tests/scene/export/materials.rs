@@ -2,11 +2,11 @@
 
 use glam::{Vec3, Vec4, vec2, vec3};
 use gpugi_scene::Pixels;
-use gpugi_scene::export::{BakedLight, BakedPage};
+use gpugi_scene::export::{BakedLight, BakedPage, LightmapQuantity};
 use serde_json::{Value, json};
 
-use crate::builder::{File, png};
-use crate::export::baking::{Baked, SIZE, atlas, bake, obscured, shredded, whole};
+use crate::builder::{File, Files, png};
+use crate::export::baking::{Baked, SIZE, atlas, bake, obscured, shredded, try_bake, whole};
 
 const TEXELS: usize = (SIZE * SIZE) as usize;
 
@@ -110,7 +110,7 @@ fn unlit_shows_the_radiance_and_nothing_else() {
     let expected = json!({
         "name": "all", "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
         "pbrMetallicRoughness": {
-            "baseColorTexture": { "index": 1, "texCoord": 1 }, "extras": "surface",
+            "baseColorTexture": { "index": 1, "texCoord": 0 }, "extras": "surface",
             "metallicFactor": 0.0, "roughnessFactor": 1.0,
         },
         "extensions": { "VENDOR_sound": { "squeaks": true }, "KHR_materials_unlit": {} },
@@ -133,7 +133,7 @@ fn unlit_shows_the_radiance_and_nothing_else() {
         (material.base_color, material.emissive),
         (Vec4::W, Vec3::ONE)
     );
-    assert_eq!(material.emissive_texture.unwrap().uv_set, 1);
+    assert_eq!(material.emissive_texture.unwrap().uv_set, 0);
     assert_eq!(baked.scene.warnings.len(), 2);
 }
 
@@ -198,30 +198,120 @@ fn dim_emission_needs_no_extension() {
 }
 
 #[test]
-fn a_lightmap_is_named_in_extras_with_its_scale() {
+fn a_lightmap_is_that_of_moz_lightmap() {
     let mut file = File::with_material(json!({ "extras": "a string" }));
     file.attribute("POSITION", 0);
-    let irradiance = vec![vec3(4.0, 1.0, 0.0); TEXELS];
-    let exr = "baked.0.exr".to_owned();
-    let baked = baked(&file, light(BakedLight::Lightmap { irradiance, exr }));
-    let material = &baked.json["materials"][0];
+    for (quantity, name, with_hdr) in [
+        (LightmapQuantity::Irradiance, "irradiance", false),
+        (LightmapQuantity::IrradianceOverPi, "irradiance / pi", true),
+    ] {
+        let baked = baked(
+            &file,
+            light(BakedLight::Lightmap {
+                texels: vec![vec3(4.0, 1.0, 0.0); TEXELS],
+                quantity,
+                with_hdr,
+                file: "baked.0.exr".to_owned(),
+            }),
+        );
+        let material = &baked.json["materials"][0];
+        let expected = json!({
+            "extras": { "original": "a string", "gpugi": { "lightmap": {
+                "file": "baked.0.exr", "texCoord": 1, "quantity": name,
+            } } },
+            "extensions": { "MOZ_lightmap": { "index": 0, "texCoord": 1, "intensity": 4.0 } },
+        });
+        assert_eq!(*material, expected);
+        // Hubs reads no other set, and glTF has no second set without a first one.
+        let attributes = &baked.json["meshes"][0]["primitives"][0]["attributes"];
+        assert_eq!(attributes["TEXCOORD_0"], attributes["TEXCOORD_1"]);
+        let used = baked.json["extensionsUsed"].as_array().unwrap();
+        assert!(used.contains(&json!("MOZ_lightmap")));
+        let texels = texels(&baked, &material["extensions"]["MOZ_lightmap"]).1;
+        assert!(texels[0] == 255 && texels[2] == 0, "{:?}", &texels[..3]);
+        // A quarter of the scale is 63.75 without a curve: the mean of all texels, which are dithered.
+        let greens = texels.iter().skip(1).step_by(3);
+        let mean = greens.map(|green| f64::from(*green)).sum::<f64>() / TEXELS as f64;
+        assert!((mean - 63.75).abs() < 0.2, "{mean}");
+        let hdr = &baked.json["textures"][0]["extensions"]["MOZ_texture_rgbe"]["source"];
+        assert_eq!(hdr.is_number(), with_hdr);
+        if let Some(image) = hdr.as_u64() {
+            let image = &baked.json["images"][image as usize];
+            assert_eq!(image["mimeType"], "image/vnd.radiance");
+            let image = image::load_from_memory(baked.view(&image["bufferView"])).unwrap();
+            let texel = image.into_rgb32f().get_pixel(1, 1).0;
+            assert_eq!(texel, [1.0, 0.25, 0.0]);
+        }
+    }
+}
+
+/// Some programs read no second set, and nothing reads the file's own any more.
+#[test]
+fn unlit_bakes_use_the_first_set() {
+    let file = colourful();
+    let baked = baked(
+        &file,
+        light(BakedLight::Unlit(vec![[1, 2, 3, 255]; TEXELS])),
+    );
+    let primitive = &baked.json["meshes"][0]["primitives"][0];
+    let attributes = primitive["attributes"].as_object().unwrap();
+    let of_file = |number: &str| baked.elements(&attributes[number], 8).len();
+    assert_eq!(of_file("TEXCOORD_0"), of_file("TEXCOORD_1"));
+    let scene = file.import();
+    let atlas = shredded(&scene);
+    let corners = &atlas.instances[0].as_ref().unwrap().corners;
+    let mesh = &baked.scene.meshes[0];
+    for (corner, &vertex) in corners.iter().zip(&mesh.indices) {
+        assert_eq!(mesh.uvs[0][vertex as usize], *corner);
+    }
+}
+
+/// The set of lightmaps holds those of the bake, and what the file had there is read elsewhere.
+#[test]
+fn a_second_set_of_the_file_makes_room() {
+    let mut file = File::with_material(json!({
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 1 } },
+        "emissiveTexture": {
+            "index": 0, "extensions": { "KHR_texture_transform": { "texCoord": 1 } },
+        },
+        "normalTexture": { "index": 0 },
+    }));
+    let view = file.view(&png(1, 1, &[255; 4]));
+    file.push(
+        "images",
+        json!({ "bufferView": view, "mimeType": "image/png" }),
+    );
+    file.push("textures", json!({ "source": 0 }));
+    let sets = [
+        [0.0, 0.0, 1.0, 0.0, 0.0, 1.0],
+        [0.5, 0.0, 0.5, 1.0, 0.0, 0.5],
+    ];
+    for (number, set) in sets.iter().enumerate() {
+        let uvs = file.floats("VEC2", set);
+        file.attribute(&format!("TEXCOORD_{number}"), uvs);
+    }
+    let scene = file.import();
+    let (bytes, files) = (file.glb(), Files::default());
+    let exported = try_bake(&bytes, &files, &scene, &shredded(&scene), obscured()).unwrap();
+    assert!(
+        exported.warnings[0].contains("TEXCOORD_2"),
+        "{:?}",
+        exported.warnings
+    );
+    let baked = Baked::new(&exported.glb);
     let expected = json!({
-        "extras": { "original": "a string", "gpugi": { "lightmap": {
-            "index": 0, "texCoord": 0, "quantity": "irradiance", "transfer": "srgb", "scale": 4.0, "exr": "baked.0.exr",
-        } } },
+        "pbrMetallicRoughness": { "baseColorTexture": { "index": 0, "texCoord": 2 } },
+        "emissiveTexture": {
+            "index": 0, "extensions": { "KHR_texture_transform": { "texCoord": 2 } },
+        },
+        "normalTexture": { "index": 0 },
+        "occlusionTexture": { "index": 1, "texCoord": 1 },
     });
-    assert_eq!(*material, expected);
-    let lightmap = &material["extras"]["gpugi"]["lightmap"];
-    let texels = texels(&baked, lightmap).1;
-    assert!(texels[0] == 255 && texels[2] == 0, "{:?}", &texels[..3]);
-    // A quarter of the scale is 136.96 in sRGB: the mean of all texels, which are dithered.
-    let greens = texels
-        .iter()
-        .skip(1)
-        .step_by(3)
-        .map(|green| f64::from(*green));
-    let mean = greens.sum::<f64>() / TEXELS as f64;
-    assert!((mean - 136.96).abs() < 0.2, "{mean}");
+    assert_eq!(baked.json["materials"][0], expected);
+    let attributes = &baked.json["meshes"][0]["primitives"][0]["attributes"];
+    let moved = baked.elements(&attributes["TEXCOORD_2"], 8).concat();
+    let moved: &[f32] = bytemuck::cast_slice(&moved);
+    assert_eq!(&moved[..6], sets[1]);
 }
 
 #[test]
@@ -230,7 +320,7 @@ fn primitives_without_a_material_get_one() {
     let baked = baked(&file, obscured());
     assert_eq!(
         baked.json["materials"],
-        json!([{ "occlusionTexture": { "index": 0, "texCoord": 0 } }])
+        json!([{ "occlusionTexture": { "index": 0, "texCoord": 1 } }])
     );
     assert_eq!(baked.json["meshes"][0]["primitives"][0]["material"], 0);
     // glTF's default material, not gpugi's.
@@ -294,8 +384,10 @@ fn an_instance_is_as_exact_as_its_own_brightness_allows() {
     let texels = (0..SIDE * SIDE).map(|texel| if texel % SIDE < 16 { DIM * 1000.0 } else { DIM });
     let texels: Vec<Vec3> = texels.collect();
     let lightmap = BakedLight::Lightmap {
-        irradiance: texels.clone(),
-        exr: String::new(),
+        texels: texels.clone(),
+        quantity: LightmapQuantity::Irradiance,
+        with_hdr: false,
+        file: String::new(),
     };
     for page in [BakedLight::Emissive(texels), lightmap] {
         let is_lightmap = matches!(page, BakedLight::Lightmap { .. });
@@ -304,8 +396,8 @@ fn an_instance_is_as_exact_as_its_own_brightness_allows() {
             let instance = &baked.scene.instances[number];
             let json = &baked.json["materials"][instance.material];
             let (texture, scale) = if is_lightmap {
-                let map = &json["extras"]["gpugi"]["lightmap"];
-                (map, map["scale"].as_f64().unwrap() as f32)
+                let map = &json["extensions"]["MOZ_lightmap"];
+                (map, map["intensity"].as_f64().unwrap() as f32)
             } else {
                 let material = &baked.scene.materials[instance.material];
                 (&json["emissiveTexture"], material.emissive.x)
@@ -318,7 +410,10 @@ fn an_instance_is_as_exact_as_its_own_brightness_allows() {
             let mut sum = Vec3::ZERO;
             for (x, y) in (left..left + 8).flat_map(|x| (0..16).map(move |y| (x, y))) {
                 // None of these texels is dark.
-                let linear = |channel: u8| ((f32::from(channel) / 255.0 + 0.055) / 1.055).powf(2.4);
+                let linear = |channel: u8| match is_lightmap {
+                    true => f32::from(channel) / 255.0,
+                    false => ((f32::from(channel) / 255.0 + 0.055) / 1.055).powf(2.4),
+                };
                 let found = Vec3::from(image.get_pixel(x, y).0.map(linear)) * scale;
                 let error = (found - expected).abs() / expected;
                 assert!(error.max_element() < 0.03, "instance {number}: {error}");

@@ -1,6 +1,7 @@
 //! Bakes as glTF files: what must change does, what need not stays.
 
 mod baking;
+mod changes;
 mod hostile;
 mod mapping;
 mod materials;

@@ -80,7 +80,7 @@ fn nodes_that_share_get_their_own_and_all_else_stays() {
     assert_eq!(scene.instances.len(), 2);
     let atlas = shredded(&scene);
     let baked = bake(&file, &scene, &atlas, obscured());
-    assert_mapped(&scene, &atlas, &baked.scene);
+    assert_mapped(&scene, &atlas, &baked.scene, 1);
     let lists = ["accessors", "bufferViews", "meshes", "materials"];
     let mut changed = lists.to_vec();
     changed.push("nodes");
@@ -208,7 +208,7 @@ fn buffers_and_images_beside_come_into_the_file() {
         exported.warnings
     );
     let baked = Baked::new(&exported.glb);
-    assert_mapped(&scene, &atlas, &baked.scene);
+    assert_mapped(&scene, &atlas, &baked.scene, 1);
     let buffer = &baked.json["buffers"];
     assert_eq!(buffer.as_array().unwrap().len(), 1);
     assert_eq!(buffer[0]["name"], "first");
@@ -381,7 +381,7 @@ fn packed_views_are_read_and_stay() {
     for atlas in [shredded(&scene), whole(&scene)] {
         let exported = try_bake(&bytes, &files, &scene, &atlas, obscured()).unwrap();
         let baked = Baked::new(&exported.glb);
-        assert_mapped(&scene, &atlas, &baked.scene);
+        assert_mapped(&scene, &atlas, &baked.scene, 1);
         // The .glb's own buffer comes first.
         let view = &baked.json["bufferViews"][0];
         assert_eq!(view["buffer"], 1);

@@ -35,7 +35,7 @@ fn cornell_can_be_baked() {
     let exported = export_bake(None, &scene, &atlas, &[page]).unwrap();
     assert_eq!(exported.warnings, [""; 0]);
     let baked = Baked::new(&exported.glb);
-    assert_mapped(&scene, &atlas, &baked.scene);
+    assert_mapped(&scene, &atlas, &baked.scene, 0);
     let names = |scene: &Scene| -> Vec<String> {
         scene
             .instances
@@ -79,7 +79,7 @@ fn other_formats_can_be_baked() {
         let atlas = shredded(&scene);
         let exported = export_bake(None, &scene, &atlas, &[obscured()]).unwrap();
         let baked = Baked::new(&exported.glb);
-        assert_mapped(&scene, &atlas, &baked.scene);
+        assert_mapped(&scene, &atlas, &baked.scene, 1);
         let texture = |scene: &Scene| {
             let material = &scene.materials[scene.instances[0].material];
             material

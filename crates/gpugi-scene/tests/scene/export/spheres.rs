@@ -2,7 +2,7 @@
 
 use glam::{Mat4, Vec3, vec3};
 use gpugi_scene::builtin::shapes::{cuboid, sphere};
-use gpugi_scene::export::{BakedLight, BakedPage, export_bake, export_scene};
+use gpugi_scene::export::{BakedLight, BakedPage, LightmapQuantity, export_bake, export_scene};
 use gpugi_scene::{Material, Scene};
 use serde_json::{Value, json};
 
@@ -63,8 +63,10 @@ fn baked_spheres_stay_spheres_unless_they_emit() {
         (obscured(), true),
         (
             lit(BakedLight::Lightmap {
-                irradiance: light.clone(),
-                exr: "light.exr".to_owned(),
+                texels: light.clone(),
+                quantity: LightmapQuantity::Irradiance,
+                with_hdr: false,
+                file: "light.exr".to_owned(),
             }),
             true,
         ),

@@ -152,14 +152,17 @@ fn without_a_cut_only_coordinates_are_added() {
     let scene = file.import();
     let baked = bake(&file, &scene, &whole(&scene), obscured());
     let mut expected = file.json["meshes"][0].clone();
-    expected["primitives"][0]["attributes"]["TEXCOORD_0"] =
-        primitive(&baked)["attributes"]["TEXCOORD_0"].clone();
+    // The second set, and because the file has no first one, that too.
+    for set in ["TEXCOORD_0", "TEXCOORD_1"] {
+        let uvs = primitive(&baked)["attributes"]["TEXCOORD_0"].clone();
+        expected["primitives"][0]["attributes"][set] = uvs;
+    }
     expected["primitives"][0]["material"] = json!(0);
     assert_eq!(baked.json["meshes"], json!([expected]));
 }
 
 #[test]
-fn the_first_free_set_is_taken_and_a_set_that_fits_is_used() {
+fn a_set_that_fits_is_used() {
     let mut file = quad();
     let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
     file.attribute("TEXCOORD_0", uvs);
@@ -176,15 +179,33 @@ fn the_first_free_set_is_taken_and_a_set_that_fits_is_used() {
     });
     let baked = bake(&file, &scene, &fitting, obscured());
     assert_eq!(baked.json["accessors"], file.json["accessors"]);
+    let attributes = &primitive(&baked)["attributes"];
+    assert_eq!(attributes["TEXCOORD_1"], attributes["TEXCOORD_0"]);
     assert_eq!(
         baked.json["materials"][0]["occlusionTexture"]["texCoord"],
-        0
+        1
     );
+    // Two sets that hold it the other way round change places.
+    let other = file.floats("VEC2", &[0.5; 8]);
+    file.attribute("TEXCOORD_1", other);
+    let emissive = BakedPage {
+        light: Some(BakedLight::Emissive(vec![Vec3::ONE; 16])),
+        ..BakedPage::default()
+    };
+    let moved = atlas(&scene, |_, _| vec2(0.5, 0.5));
+    let baked = bake(&file, &scene, &moved, emissive);
+    let attributes = &primitive(&baked)["attributes"];
+    let [first, second] = ["TEXCOORD_0", "TEXCOORD_1"].map(|set| attributes[set].clone());
+    assert_eq!([first, second], [json!(other), json!(uvs)]);
 }
 
+/// Other variants read the file's own sets.
 #[test]
-fn a_third_set_is_written_with_a_warning_and_read() {
+fn beside_variants_the_first_free_set_is_taken() {
     let mut file = quad();
+    let mappings = json!([{ "material": 0, "variants": [0] }]);
+    file.push("materials", json!({}));
+    file.primitive()["extensions"] = json!({ "KHR_materials_variants": { "mappings": mappings } });
     for set in 0..2 {
         let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
         file.attribute(&format!("TEXCOORD_{set}"), uvs);
@@ -199,9 +220,10 @@ fn a_third_set_is_written_with_a_warning_and_read() {
     let exported = try_bake(&file.glb(), &files, &scene, &atlas, page).unwrap();
     assert!(exported.warnings[0].contains("TEXCOORD_2"));
     let baked = Baked::new(&exported.glb);
-    let material = &baked.json["materials"][0];
+    let material = &baked.json["materials"][1];
     assert_eq!(material["occlusionTexture"]["texCoord"], 2);
-    let slot = baked.scene.materials[0].emissive_texture.unwrap().uv_set;
+    let slot = baked.scene.instances[0].material;
+    let slot = baked.scene.materials[slot].emissive_texture.unwrap().uv_set;
     let mesh = &baked.scene.meshes[0];
     let read: Vec<_> = mesh
         .indices
@@ -239,5 +261,5 @@ fn few_of_many_shared_vertices_are_copied() {
         assert_eq!(accessor["min"][axis], json!(min));
         assert_eq!(accessor["max"][axis], json!(max));
     }
-    crate::export::baking::assert_mapped(&scene, &whole(&scene), &baked.scene);
+    crate::export::baking::assert_mapped(&scene, &whole(&scene), &baked.scene, 1);
 }

@@ -12,7 +12,7 @@ use crate::builder::File;
 const POSITIONS: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
 /// A file with a fallback buffer, as gltfpack writes it, and positions packed in it.
-fn packed() -> File {
+pub fn packed() -> File {
     let mut file = File::triangle();
     file.json["extensionsRequired"] = json!(["EXT_meshopt_compression"]);
     let encoded = encode_vertex_buffer(&POSITIONS).unwrap();

@@ -9,5 +9,5 @@ mod images;
 mod materials;
 mod media;
 #[cfg(feature = "meshopt")]
-mod meshopt;
+pub mod meshopt;
 mod nodes;

@@ -1,0 +1,104 @@
+//! What exporters change of a whole file after it is written: [`Changes`].
+
+use serde_json::{Value, json};
+
+use super::Nothing;
+use super::json::{Json, object, remove_empty};
+use super::output::Output;
+use super::prune;
+use crate::Limits;
+use crate::export::{Changes, ExportError, Exported};
+use crate::import::gltf::document::{Document, MESHOPT};
+
+const LIGHTS: &str = "KHR_lights_punctual";
+/// Lumens per watt of light at 555 nm: the luminous efficacy by which programs convert.
+const LUMENS_PER_WATT: f64 = 683.0;
+
+/// See [`Exported::changed`].
+pub fn changed(exported: Exported, changes: &Changes) -> Result<Exported, ExportError> {
+    let mut output = Output::of_glb(&exported.glb)?;
+    let mut warnings = exported.warnings;
+    let lights = output.json.list("nodes").iter();
+    let lights = lights.filter(|node| node["extensions"].get(LIGHTS).is_some());
+    let lights = lights.count();
+    if changes.drops_lights && lights > 0 {
+        drop_lights(&mut output.json)?;
+        warnings.push(match lights {
+            1 => "the light is left out of the file, because its light is baked".to_owned(),
+            _ => format!("{lights} lights are left out of the file, because their light is baked"),
+        });
+    } else if changes.photometric {
+        to_photometric(&mut output.json);
+    }
+    if changes.unpacks {
+        unpack(&mut output, &exported.glb)?;
+    }
+    if changes.prunes {
+        prune::prune(&mut output, &mut warnings);
+    }
+    Ok(Exported {
+        glb: output.glb()?,
+        warnings,
+    })
+}
+
+fn drop_lights(json: &mut Json) -> Result<(), ExportError> {
+    for node in 0..json.list("nodes").len() {
+        let node = json.at("nodes", node)?;
+        if let Some(Value::Object(extensions)) = node.get_mut("extensions") {
+            extensions.shift_remove(LIGHTS);
+        }
+        remove_empty(node, "extensions");
+    }
+    let root = json.root();
+    if let Some(Value::Object(extensions)) = root.get_mut("extensions") {
+        extensions.shift_remove(LIGHTS);
+    }
+    remove_empty(root, "extensions");
+    json.no_longer_uses(LIGHTS);
+    Ok(())
+}
+
+/// Decodes the buffer views that meshoptimizer has compressed. `glb`: the same file.
+fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
+    let document = Document::read("the file", glb, &Nothing, &Limits::NONE)?;
+    for number in 0..output.json.list("bufferViews").len() {
+        let view = &output.json.list("bufferViews")[number];
+        if view["extensions"].get(MESHOPT).is_none() {
+            continue;
+        }
+        let (bytes, _) = document.view(number, "bufferViews")?;
+        let offset = output.append(bytes)?;
+        let view = output.json.at("bufferViews", number)?;
+        view.insert("buffer".to_owned(), 0.into());
+        view.insert("byteOffset".to_owned(), offset.into());
+        object(view, "extensions").shift_remove(MESHOPT);
+        remove_empty(view, "extensions");
+    }
+    // Without their views, the buffers that stood for decoded bytes serve nobody.
+    let views = output.json.list("bufferViews").iter();
+    let last = views.filter_map(|view| view["buffer"].as_u64()).max();
+    let last = last.and_then(|last| usize::try_from(last).ok());
+    if let Some(Value::Array(buffers)) = output.json.root().get_mut("buffers") {
+        buffers.truncate(last.map_or(buffers.len(), |last| last + 1));
+    }
+    output.json.no_longer_uses(MESHOPT);
+    Ok(())
+}
+
+fn to_photometric(json: &mut Json) {
+    let lights = json.root().get_mut("extensions");
+    let lights = lights.and_then(|extensions| extensions.get_mut(LIGHTS)?.get_mut("lights"));
+    let lights = lights.and_then(Value::as_array_mut);
+    for light in lights
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_object_mut)
+    {
+        let intensity = light
+            .get("intensity")
+            .and_then(Value::as_f64)
+            .unwrap_or(1.0);
+        light.insert("intensity".to_owned(), json!(intensity * LUMENS_PER_WATT));
+    }
+}

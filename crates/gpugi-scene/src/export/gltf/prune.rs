@@ -1,0 +1,332 @@
+//! Leaves out what nothing shows: meshes, materials, textures, images, accessors and their bytes, attributes that no
+//! material reads, and names of extensions.
+
+use std::collections::HashSet;
+
+use serde_json::Value;
+
+use super::json::Object;
+use super::output::Output;
+use crate::import::gltf::{panes, transfer};
+
+/// The lists that are pruned. Elements refer to those of later lists only.
+const LISTS: [&str; 7] = [
+    "meshes",
+    "materials",
+    "textures",
+    "images",
+    "samplers",
+    "accessors",
+    "bufferViews",
+];
+/// Lists that stay whole, and refer to those.
+const ROOTS: [&str; 3] = ["nodes", "skins", "animations"];
+/// Extensions whose indices are known here, besides those of `KHR_materials_`: others may refer to anything.
+const KNOWN: [&str; 16] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
+    "KHR_lights_punctual",
+    "KHR_materials_variants",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_node_visibility",
+    "KHR_texture_basisu",
+    "KHR_texture_transform",
+    "KHR_xmp_json_ld",
+    "MOZ_lightmap",
+    "MOZ_texture_rgbe",
+    "MSFT_texture_dds",
+];
+/// Extensions that are used without being written anywhere.
+const SILENT: &str = "KHR_mesh_quantization";
+
+/// Prunes a file; `warnings` say why not, if so.
+pub fn prune(output: &mut Output, warnings: &mut Vec<String>) {
+    let root = output.json.root();
+    let mut written = HashSet::new();
+    named_extensions(&Value::Object(root.clone()), &mut written);
+    let is_known =
+        |name: &&String| KNOWN.contains(&name.as_str()) || name.starts_with("KHR_materials_");
+    let mut unknown: Vec<&String> = written.iter().filter(|name| !is_known(name)).collect();
+    unknown.sort();
+    if let Some(name) = unknown.first() {
+        warnings.push(format!(
+            "not pruned: {name} may refer to what nothing else does"
+        ));
+        return;
+    }
+    let stored = root.get("extras").and_then(|extras| extras.get("gpugi"));
+    if stored.is_some_and(|own| own.get(transfer::NAME).is_some() || own.get(panes::NAME).is_some())
+    {
+        warnings.push("not pruned: the file holds what relights it".to_owned());
+        return;
+    }
+    drop_attributes(root);
+    drop_elements(root);
+    output.compact();
+    let root = output.json.root();
+    let mut written = HashSet::new();
+    named_extensions(&Value::Object(root.clone()), &mut written);
+    for list in ["extensionsUsed", "extensionsRequired"] {
+        let Some(names) = root.get_mut(list).and_then(Value::as_array_mut) else {
+            continue;
+        };
+        names.retain(|name| {
+            let name = name.as_str().unwrap_or_default();
+            written.contains(name) || name == SILENT
+        });
+        if names.is_empty() {
+            root.shift_remove(list);
+        }
+    }
+}
+
+/// Collects the names of all extensions that a value has.
+fn named_extensions(value: &Value, found: &mut HashSet<String>) {
+    match value {
+        Value::Object(object) => {
+            for (key, value) in object {
+                if let ("extensions", Some(extensions)) = (key.as_str(), value.as_object()) {
+                    found.extend(extensions.keys().cloned());
+                }
+                if key != "extras" {
+                    named_extensions(value, found);
+                }
+            }
+        }
+        Value::Array(values) => values
+            .iter()
+            .for_each(|value| named_extensions(value, found)),
+        _ => {}
+    }
+}
+
+/// Drops the last sets of texture coordinates and tangents, where no material reads them.
+fn drop_attributes(root: &mut Object) {
+    let materials = root.get("materials").cloned();
+    for primitive in primitives(root) {
+        let mut shown = Vec::new();
+        refer_of_primitive(primitive, &mut |list, index| {
+            if list == "materials" {
+                shown.extend(index.as_u64());
+            }
+        });
+        let (mut sets, mut has_normals) = (0, false);
+        for material in shown {
+            let material = materials
+                .as_ref()
+                .and_then(|all| all.get(material as usize));
+            let material = material.unwrap_or(&Value::Null);
+            sets = sets.max(sets_read(material));
+            has_normals |= has_normal_map(material);
+        }
+        let serves = |name: &String| match name.strip_prefix("TEXCOORD_") {
+            Some(set) => set.parse().is_ok_and(|set: u64| set < sets),
+            None => has_normals || name != "TANGENT",
+        };
+        for path in [&["attributes"][..], &["targets", "*"]] {
+            at(primitive, path, &mut |list| {
+                if let Some(list) = list.as_object_mut() {
+                    list.retain(|name, _| serves(name));
+                }
+            });
+        }
+    }
+}
+
+/// How many sets of texture coordinates a material needs: one more than the last that it reads.
+fn sets_read(material: &Value) -> u64 {
+    let Some(object) = material.as_object() else {
+        let values = material.as_array().into_iter().flatten();
+        return values.map(sets_read).max().unwrap_or(0);
+    };
+    let is_texture = object.get("index").is_some_and(Value::is_u64);
+    let own = match object.get("texCoord").and_then(Value::as_u64) {
+        Some(set) => set + 1,
+        None => u64::from(is_texture),
+    };
+    object.values().map(sets_read).fold(own, u64::max)
+}
+
+fn has_normal_map(material: &Value) -> bool {
+    let Some(object) = material.as_object() else {
+        return false;
+    };
+    let mut members = object.iter();
+    members.any(|(name, value)| {
+        name.to_lowercase().ends_with("normaltexture") || has_normal_map(value)
+    })
+}
+
+fn primitives(root: &mut Object) -> impl Iterator<Item = &mut Value> {
+    let meshes = root.get_mut("meshes").and_then(Value::as_array_mut);
+    meshes.into_iter().flatten().flat_map(|mesh| {
+        let primitives = mesh.get_mut("primitives").and_then(Value::as_array_mut);
+        primitives.into_iter().flatten()
+    })
+}
+
+/// Drops elements to which nothing refers, and numbers the others anew.
+fn drop_elements(root: &mut Object) {
+    let mut used: Vec<HashSet<u64>> = vec![HashSet::new(); LISTS.len()];
+    let number = |list: &str| LISTS.iter().position(|other| *other == list);
+    let mark = |list: &'static str, index: &mut Value, used: &mut Vec<HashSet<u64>>| {
+        if let (Some(list), Some(index)) = (number(list), index.as_u64()) {
+            used[list].insert(index);
+        }
+    };
+    for list in ROOTS.into_iter().chain(LISTS) {
+        let elements = root.get_mut(list).and_then(Value::as_array_mut);
+        for (index, element) in elements.into_iter().flatten().enumerate() {
+            let is_used = number(list).is_none_or(|list| used[list].contains(&(index as u64)));
+            if is_used {
+                refer(list, element, &mut |list, index| {
+                    mark(list, index, &mut used)
+                });
+            }
+        }
+    }
+    let mut renumbered: Vec<Vec<Option<u64>>> = Vec::new();
+    for (list, used) in LISTS.iter().zip(&used) {
+        let mut next = 0;
+        let mut numbers = Vec::new();
+        if let Some(elements) = root.get_mut(*list).and_then(Value::as_array_mut) {
+            let mut index = 0;
+            elements.retain(|_| {
+                let stays = used.contains(&index);
+                index += 1;
+                numbers.push(stays.then_some(next));
+                next += u64::from(stays);
+                stays
+            });
+            if elements.is_empty() {
+                root.shift_remove(*list);
+            }
+        }
+        renumbered.push(numbers);
+    }
+    for list in ROOTS.into_iter().chain(LISTS) {
+        let elements = root.get_mut(list).and_then(Value::as_array_mut);
+        for element in elements.into_iter().flatten() {
+            refer(list, element, &mut |list, index| {
+                let Some(numbers) = number(list).map(|list| &renumbered[list]) else {
+                    return;
+                };
+                let old = index.as_u64().and_then(|old| usize::try_from(old).ok());
+                if let Some(Some(new)) = old.and_then(|old| numbers.get(old)) {
+                    *index = (*new).into();
+                }
+            });
+        }
+    }
+}
+
+/// Calls `visit` with each index in an element of `list`, and the list that it is of.
+fn refer(list: &str, element: &mut Value, visit: &mut dyn FnMut(&'static str, &mut Value)) {
+    match list {
+        "nodes" => {
+            at(element, &["mesh"], &mut |index| visit("meshes", index));
+            let attributes = ["extensions", "EXT_mesh_gpu_instancing", "attributes", "*"];
+            at(element, &attributes, &mut |index| visit("accessors", index));
+        }
+        "skins" => at(element, &["inverseBindMatrices"], &mut |index| {
+            visit("accessors", index);
+        }),
+        "animations" => {
+            for end in ["input", "output"] {
+                let path = ["samplers", "*", end];
+                at(element, &path, &mut |index| visit("accessors", index));
+            }
+        }
+        "meshes" => {
+            at(element, &["primitives", "*"], &mut |primitive| {
+                refer_of_primitive(primitive, visit);
+            });
+        }
+        "materials" => refer_of_material(element, visit),
+        "textures" => {
+            at(element, &["sampler"], &mut |index| visit("samplers", index));
+            for path in [&["source"][..], &["extensions", "*", "source"]] {
+                at(element, path, &mut |index| visit("images", index));
+            }
+        }
+        "images" => at(element, &["bufferView"], &mut |index| {
+            visit("bufferViews", index);
+        }),
+        "accessors" => {
+            for path in [&["bufferView"][..], &["sparse", "*", "bufferView"]] {
+                at(element, path, &mut |index| visit("bufferViews", index));
+            }
+        }
+        _ => {}
+    }
+}
+
+fn refer_of_primitive(primitive: &mut Value, visit: &mut dyn FnMut(&'static str, &mut Value)) {
+    for path in [
+        &["attributes", "*"][..],
+        &["targets", "*", "*"],
+        &["indices"],
+    ] {
+        at(primitive, path, &mut |index| visit("accessors", index));
+    }
+    let variants = [
+        "extensions",
+        "KHR_materials_variants",
+        "mappings",
+        "*",
+        "material",
+    ];
+    for path in [&["material"][..], &variants] {
+        at(primitive, path, &mut |index| visit("materials", index));
+    }
+    let packed = ["extensions", "KHR_draco_mesh_compression", "bufferView"];
+    at(primitive, &packed, &mut |index| visit("bufferViews", index));
+}
+
+/// What has an index in a material is a texture.
+fn refer_of_material(value: &mut Value, visit: &mut dyn FnMut(&'static str, &mut Value)) {
+    match value {
+        Value::Object(object) => {
+            for (key, value) in object {
+                match key.as_str() {
+                    "index" => visit("textures", value),
+                    "extras" => {
+                        let own = value.get_mut("gpugi");
+                        own.into_iter()
+                            .for_each(|own| refer_of_material(own, visit));
+                    }
+                    _ => refer_of_material(value, visit),
+                }
+            }
+        }
+        Value::Array(values) => {
+            for value in values {
+                refer_of_material(value, visit);
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Calls `visit` with what lies at a path in a value; `*` stands for all members.
+fn at(value: &mut Value, path: &[&str], visit: &mut dyn FnMut(&mut Value)) {
+    match (path, value) {
+        ([], value) => visit(value),
+        (["*", rest @ ..], Value::Object(object)) => {
+            object.values_mut().for_each(|value| at(value, rest, visit));
+        }
+        (["*", rest @ ..], Value::Array(values)) => {
+            values.iter_mut().for_each(|value| at(value, rest, visit));
+        }
+        ([key, rest @ ..], Value::Object(object)) => {
+            if let Some(value) = object.get_mut(*key) {
+                at(value, rest, visit);
+            }
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,196 @@
+//! What is changed of a whole file for the programs that read it.
+
+use glam::Vec3;
+use gpugi_scene::builtin::builtin;
+use gpugi_scene::export::{BakedLight, BakedPage, Changes, Exported, export_scene};
+use serde_json::{Value, json};
+
+use crate::builder::{File, Files, png};
+use crate::export::baking::{Baked, SIZE, keep, read, shredded, try_bake};
+
+const TEXELS: usize = (SIZE * SIZE) as usize;
+const PRUNES: Changes = Changes {
+    drops_lights: false,
+    photometric: false,
+    unpacks: false,
+    prunes: true,
+};
+
+/// A file of two textured triangles, of which the first is baked unlit, with things that nobody needs.
+fn file() -> File {
+    let mut file = File::with_material(json!({
+        "name": "first", "pbrMetallicRoughness": { "baseColorTexture": { "index": 1 } },
+    }));
+    for shade in [10, 20, 30] {
+        let view = file.view(&png(1, 1, &[shade, shade, shade, 255]));
+        let image =
+            json!({ "bufferView": view, "mimeType": "image/png", "name": shade.to_string() });
+        let image = file.push("images", image);
+        file.push("textures", json!({ "source": image, "sampler": 0 }));
+    }
+    file.push("samplers", json!({ "wrapS": 33_071 }));
+    file.push("samplers", json!({ "wrapS": 10_497 }));
+    file.push(
+        "materials",
+        json!({ "name": "second", "pbrMetallicRoughness": { "baseColorTexture": { "index": 2 } } }),
+    );
+    let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+    file.attribute("TEXCOORD_0", uvs);
+    let tangents = file.floats("VEC4", &[1.0, 0.0, 0.0, 1.0].repeat(3));
+    file.attribute("TANGENT", tangents);
+    let second = file.push("meshes", file.json["meshes"][0].clone());
+    file.json["meshes"][second]["primitives"][0]["material"] = json!(1);
+    file.push("meshes", file.json["meshes"][0].clone());
+    file.push("nodes", json!({ "mesh": second }));
+    file.json["extensionsUsed"] = json!(["KHR_materials_ior", "KHR_mesh_quantization"]);
+    file
+}
+
+fn baked(file: &File, changes: &Changes) -> Exported {
+    let scene = file.import();
+    let mut atlas = shredded(&scene);
+    atlas.instances[1] = None;
+    let page = BakedPage {
+        light: Some(BakedLight::Unlit(vec![[1, 2, 3, 255]; TEXELS])),
+        ..BakedPage::default()
+    };
+    let exported = try_bake(&file.glb(), &Files::default(), &scene, &atlas, page).unwrap();
+    exported.changed(changes).unwrap()
+}
+
+fn length(baked: &Baked, list: &str) -> usize {
+    baked.json[list].as_array().map_or(0, Vec::len)
+}
+
+#[test]
+fn pruned_files_hold_what_is_shown_and_nothing_else() {
+    let file = file();
+    let whole = baked(&file, &Changes::default());
+    let pruned = baked(&file, &PRUNES);
+    keep(&pruned.glb);
+    assert!(pruned.glb.len() < whole.glb.len());
+    let [whole, pruned] = [whole, pruned].map(|exported| Baked::new(&exported.glb));
+    // The mesh that no node places, the image of the material that was replaced, and one that nobody ever needed.
+    assert_eq!(
+        [length(&whole, "meshes"), length(&pruned, "meshes")],
+        [3, 2]
+    );
+    assert_eq!(
+        [length(&whole, "images"), length(&pruned, "images")],
+        [4, 2]
+    );
+    assert_eq!(
+        [length(&whole, "samplers"), length(&pruned, "samplers")],
+        [3, 2]
+    );
+    let attributes = |mesh: usize| {
+        let attributes = &pruned.json["meshes"][mesh]["primitives"][0]["attributes"];
+        attributes
+            .as_object()
+            .unwrap()
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(attributes(0), ["POSITION", "TEXCOORD_0"]);
+    assert_eq!(attributes(1), ["POSITION", "TEXCOORD_0"]);
+    let used = &pruned.json["extensionsUsed"];
+    assert_eq!(
+        *used,
+        json!(["KHR_mesh_quantization", "KHR_materials_unlit"])
+    );
+    // Both files show the same.
+    let seen = |baked: &Baked| {
+        let of_instance = |number: usize| {
+            let instance = &baked.scene.instances[number];
+            let (mesh, material) = (
+                &baked.scene.meshes[instance.mesh],
+                &baked.scene.materials[instance.material],
+            );
+            let texture = material.emissive_texture.or(material.base_color_texture);
+            let texture = &baked.scene.textures[texture.unwrap().texture];
+            let image = baked.scene.images[texture.image].pixels.clone();
+            (mesh.positions.clone(), mesh.uvs[0].clone(), image)
+        };
+        [of_instance(0), of_instance(1)]
+    };
+    assert!(seen(&whole) == seen(&pruned));
+    assert_eq!(pruned.scene.warnings, Vec::<String>::new());
+}
+
+#[test]
+fn files_with_unknown_extensions_stay_whole() {
+    let mut file = file();
+    file.json["nodes"][0]["extensions"] = json!({ "VENDOR_decals": { "material": 1 } });
+    file.json["extensionsUsed"] = json!(["VENDOR_decals"]);
+    let [whole, pruned] = [Changes::default(), PRUNES].map(|changes| baked(&file, &changes));
+    assert!(pruned.glb == whole.glb);
+    let last = pruned.warnings.last().unwrap();
+    assert!(last.contains("not pruned: VENDOR_decals"), "{last}");
+}
+
+#[test]
+fn lights_whose_light_is_baked_can_go() {
+    let scene = builtin("room", 1).unwrap();
+    let changed = |changes: &Changes| {
+        let exported = export_scene(&scene).unwrap();
+        exported.changed(changes).unwrap()
+    };
+    let without = changed(&Changes {
+        drops_lights: true,
+        ..Changes::default()
+    });
+    let last = without.warnings.last().unwrap();
+    assert!(last.starts_with("2 lights are left out"), "{last}");
+    keep(&without.glb);
+    let json = Baked::new(&without.glb).json;
+    assert!(!json.to_string().contains("KHR_lights_punctual"));
+    assert!(read(&without.glb).unwrap().lights.is_empty());
+    let [one, other] = [false, true].map(|photometric| {
+        let changed = changed(&Changes {
+            photometric,
+            ..Changes::default()
+        });
+        let lights = read(&changed.glb).unwrap().lights;
+        lights
+            .iter()
+            .map(|light| light.intensity)
+            .collect::<Vec<Vec3>>()
+    });
+    assert_eq!(one.len(), 2);
+    for (watts, lumens) in one.iter().zip(&other) {
+        assert!((*lumens / *watts - 683.0).abs().max_element() < 0.01);
+    }
+}
+
+/// A triangle whose positions meshoptimizer has compressed.
+#[cfg(feature = "meshopt")]
+#[test]
+fn compressed_geometry_can_be_decoded() {
+    let file = crate::gltf::meshopt::packed();
+    let scene = file.import();
+    let mut atlas = shredded(&scene);
+    atlas.instances.fill(None);
+    let nothing = BakedPage::default();
+    let exported = try_bake(&file.glb(), &Files::default(), &scene, &atlas, nothing).unwrap();
+    let changes = Changes {
+        unpacks: true,
+        ..PRUNES
+    };
+    let decoded = exported.changed(&changes).unwrap();
+    keep(&decoded.glb);
+    let decoded = Baked::new(&decoded.glb);
+    assert!(!decoded.json.to_string().contains("meshopt"));
+    assert_eq!(length(&decoded, "buffers"), 1);
+    assert_eq!(decoded.scene.meshes[0].positions, scene.meshes[0].positions);
+}
+
+/// Indices of what is left out are not mistaken for those of what stays.
+#[test]
+fn hostile_indices_are_kept_out() {
+    let mut file = file();
+    file.json["textures"][0]["source"] = json!(77);
+    let changed = baked(&file, &PRUNES);
+    let json: Value = Baked::new(&changed.glb).json;
+    assert!(!json["textures"].to_string().contains("77"));
+}
