@@ -700,6 +700,33 @@ mod tests {
     }
 
     #[test]
+    fn files_keep_what_programs_need() {
+        let changes = |words: &[&str], names: &[&str], only_indirect| {
+            let words: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            let options = SceneOptions::of_words(&words).expect("options");
+            options.changes(Some(&Lights {
+                names: names.iter().map(|name| (*name).to_owned()).collect(),
+                only_indirect,
+                is_traced: false,
+            }))
+        };
+        let all = ["caustics", "path-tracing"];
+        let lightmap = ["--bake-mode", "lightmap"];
+        let of_unlit = changes(&[], &all, false);
+        assert!(of_unlit.prunes && !of_unlit.drops_lights);
+        let of_lightmap = changes(&lightmap, &all, false);
+        assert!(!of_lightmap.prunes && of_lightmap.drops_lights);
+        // The lights are not baked, or only what they shine on first.
+        assert!(!changes(&lightmap, &["radiosity"], false).drops_lights);
+        assert!(!changes(&lightmap, &["shadow-map", "radiosity"], true).drops_lights);
+        // Materials stay, with obscurance.
+        assert!(!changes(&[], &[], false).prunes);
+        let asked = ["--prune=false", "--drop-baked-lights", "--light-units=photometric"];
+        let asked = changes(&asked, &all, false);
+        assert!(!asked.prunes && asked.drops_lights && asked.photometric);
+    }
+
+    #[test]
     fn pages_have_one_exposure() {
         if std::env::var("GPUGI_SKIP_GPU").is_ok_and(|value| value == "1") {
             return;

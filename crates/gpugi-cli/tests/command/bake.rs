@@ -385,7 +385,7 @@ fn a_baked_scene_looks_as_it_is_lit() {
     }
 
     let few = ["--atlas-size", "64", "--samples", "1"];
-    for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "lightmap")] {
+    for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "MOZ_lightmap")] {
         let baked = file(&format!("{mode}.glb"));
         let bake = ["bake", "cornell", "--bake-mode", mode, "-o", &baked];
         run(&[&bake[..], &few, &small, &direct].concat());
@@ -597,6 +597,20 @@ fn bakes_that_cannot_be_are_refused() {
                 "all",
             ],
             "lightmap",
+        ),
+        (
+            vec!["cornell", "-o", &output, "--lightmap-for", "bevy"],
+            "--bake-mode lightmap",
+        ),
+        (
+            vec![
+                "cornell",
+                "-o",
+                &output,
+                "--bake-mode=lightmap",
+                "--lightmap-for=babylon",
+            ],
+            "--bake-mode emissive",
         ),
         (
             vec!["cornell", "-o", &output, "--set", "obscurances.distance=2"],

@@ -16,6 +16,10 @@ from gpugi._render import Progress, SceneLike, Techniques, _names, _progress, _s
 Option = bool | int | float | str | list[str] | tuple[str, ...] | None
 
 
+# Options that may be true without being named.
+_ON_BY_DEFAULT = ("drop_baked_lights", "prune")
+
+
 @dataclass
 class Baked:
     """A bake that is done."""
@@ -32,9 +36,13 @@ def words_of_options(options: Mapping[str, Option]) -> list[str]:
     words = []
     for name, value in options.items():
         option = "--" + name.replace("_", "-")
-        if value is None or isinstance(value, (bool, np.bool_)):
+        if value is None:
+            continue
+        if isinstance(value, (bool, np.bool_)):
             if value:
                 words.append(option)
+            elif name in _ON_BY_DEFAULT:
+                words.append(f"{option}=false")
         elif isinstance(value, (list, tuple)):
             words.append(f"{option}={','.join(map(str, value))}")
         else:
