@@ -106,9 +106,9 @@ pub struct SceneOptions {
     /// them
     #[arg(long, value_name = "UNITS", default_value = "radiometric")]
     pub(super) light_units: LightUnits,
-    /// Decode geometry that meshoptimizer has compressed, for programs without its decoder
+    /// Decode geometry that meshoptimizer or Draco has compressed, for programs without their decoders
     #[arg(long)]
-    pub(super) decode_meshopt: bool,
+    pub(super) decompress: bool,
     /// Leave out of the file what nothing shows any more, such as images of replaced materials (default: true for unlit bakes,
     /// else false)
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
@@ -178,7 +178,7 @@ impl SceneOptions {
         Changes {
             drops_lights: (self.drop_baked_lights).unwrap_or(is_lightmap && holds_direct),
             photometric: self.light_units == LightUnits::Photometric,
-            unpacks: self.decode_meshopt,
+            unpacks: self.decompress,
             prunes: self.prune.unwrap_or(is_unlit && has_light),
         }
     }

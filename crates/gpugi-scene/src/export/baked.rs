@@ -91,7 +91,7 @@ pub struct Changes {
     /// Write the intensity of punctual lights in photometric units, as glTF has them: 683 lumens per watt. gpugi takes one
     /// candela for one watt per steradian.
     pub photometric: bool,
-    /// Decode geometry that meshoptimizer has compressed, for programs without its decoder.
+    /// Decode geometry that meshoptimizer or Draco has compressed, for programs without their decoders.
     pub unpacks: bool,
     /// Leave out meshes, materials, textures, images, accessors, attributes and bytes that nothing shows any more. Files with
     /// extensions that are unknown here stay whole.

@@ -8,7 +8,7 @@ use super::output::Output;
 use super::prune;
 use crate::Limits;
 use crate::export::{Changes, ExportError, Exported};
-use crate::import::gltf::document::{Document, MESHOPT};
+use crate::import::gltf::document::{DRACO, Document, MESHOPT};
 
 const LIGHTS: &str = "KHR_lights_punctual";
 /// Lumens per watt of light at 555 nm: the luminous efficacy by which programs convert.
@@ -59,7 +59,7 @@ fn drop_lights(json: &mut Json) -> Result<(), ExportError> {
     Ok(())
 }
 
-/// Decodes the buffer views that meshoptimizer has compressed. `glb`: the same file.
+/// Decodes what meshoptimizer and Draco have compressed. `glb`: the same file.
 fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
     let document = Document::read("the file", glb, &Nothing, &Limits::NONE)?;
     for number in 0..output.json.list("bufferViews").len() {
@@ -75,6 +75,25 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
         object(view, "extensions").shift_remove(MESHOPT);
         remove_empty(view, "extensions");
     }
+    for (&accessor, bytes) in &document.decoded_accessors {
+        let view = output.view(bytes, None)?;
+        let accessor = output.json.at("accessors", accessor)?;
+        accessor.insert("bufferView".to_owned(), view.into());
+        accessor.shift_remove("byteOffset");
+    }
+    for mesh in 0..output.json.list("meshes").len() {
+        let primitives = output.json.at("meshes", mesh)?.get_mut("primitives");
+        let primitives = primitives.and_then(Value::as_array_mut);
+        for primitive in primitives.into_iter().flatten() {
+            let Some(primitive) = primitive.as_object_mut() else {
+                continue;
+            };
+            if let Some(Value::Object(extensions)) = primitive.get_mut("extensions") {
+                extensions.shift_remove(DRACO);
+            }
+            remove_empty(primitive, "extensions");
+        }
+    }
     // Without their views, the buffers that stood for decoded bytes serve nobody.
     let views = output.json.list("bufferViews").iter();
     let last = views.filter_map(|view| view["buffer"].as_u64()).max();
@@ -83,6 +102,7 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
         buffers.truncate(last.map_or(buffers.len(), |last| last + 1));
     }
     output.json.no_longer_uses(MESHOPT);
+    output.json.no_longer_uses(DRACO);
     Ok(())
 }
 

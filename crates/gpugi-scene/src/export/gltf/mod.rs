@@ -27,7 +27,7 @@ use serde_json::{Value, json};
 use super::{BakedPage, ExportError, Exported, Original};
 use crate::animation::Transform;
 use crate::atlas::{Atlas, InstanceUvs};
-use crate::import::gltf::document::{Document, INSTANCING};
+use crate::import::gltf::document::{DRACO, Document, INSTANCING};
 use crate::import::gltf::{self as import, geometry, instancing};
 use crate::{LightPathPanes, Limits, Origin, Resolver, Scene};
 use json::{Json, Object, array, object, remove_empty};
@@ -287,6 +287,11 @@ impl<'a> Baker<'a> {
         let still = |node: &Value| node["extensions"].get(INSTANCING).is_some();
         if !self.standing.is_empty() && !nodes.into_iter().any(still) {
             self.output.json.no_longer_uses(INSTANCING);
+        }
+        let meshes = self.output.json.list("meshes").iter();
+        let mut primitives = meshes.flat_map(|mesh| mesh["primitives"].as_array()).flatten();
+        if !primitives.any(|primitive| primitive["extensions"].get(DRACO).is_some()) {
+            self.output.json.no_longer_uses(DRACO);
         }
         material::assign(&mut self.output, &uses, &pages, &mut self.warnings)?;
         match stored {

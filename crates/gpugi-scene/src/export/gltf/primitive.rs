@@ -9,10 +9,8 @@ use serde_json::{Value, json};
 use super::json::{Object, object, remove_empty};
 use super::output::{ARRAY_BUFFER, Output};
 use crate::export::ExportError;
-use crate::import::gltf::document::Document;
+use crate::import::gltf::document::{DRACO, Document};
 use crate::import::gltf::schema::Primitive;
-
-const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// The triangles of a primitive, with vertices as stored in the file.
 pub struct Triangles {
@@ -52,10 +50,14 @@ pub fn add_uvs(
     let set = wanted.unwrap_or_else(|| held.unwrap_or(sets));
     let mut attributes = source.attributes.clone();
     let mut targets = source.targets.clone();
+    // What is compressed lacks the coordinates: its attributes are written anew, as they were decoded.
+    let is_packed = attributes
+        .values()
+        .any(|accessor| document.decoded_accessors.contains_key(accessor));
     if held == Some(set) {
         return Ok(PageSet { set, swapped: None });
     }
-    if let Some(held) = held {
+    if let Some(held) = held.filter(|_| !is_packed) {
         // The same vertices: sets change places, or the coordinates serve as two sets.
         let swapped = (set < sets).then_some(held);
         match swapped {
@@ -75,7 +77,8 @@ pub fn add_uvs(
     }
     let split = Split::new(triangles, uvs);
     let mut indices = source.indices;
-    if split.changes(triangles) {
+    let is_new = is_packed || split.changes(triangles);
+    if is_new {
         let mut copies = HashMap::new();
         let lists = std::iter::once(&mut attributes).chain(&mut targets);
         for (name, accessor) in lists.flatten() {
@@ -109,13 +112,12 @@ pub fn add_uvs(
 
     let json = output.json.primitive(mesh, primitive)?;
     write_all(json, &attributes, &targets);
-    if split.changes(triangles) {
+    if is_new {
         json.shift_remove("mode");
     }
     if let Some(indices) = indices {
         json.insert("indices".to_owned(), indices.into());
     }
-    // The compressed data lacks the new coordinates. The importer has read the uncompressed accessors instead.
     if json.contains_key("extensions") {
         object(json, "extensions").shift_remove(DRACO);
         remove_empty(json, "extensions");

@@ -10,7 +10,7 @@ use crate::import::quoted;
 
 /// A component type, identified by glTF's constant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Component {
+pub enum Component {
     I8,
     U8,
     I16,
@@ -20,7 +20,8 @@ enum Component {
 }
 
 impl Component {
-    fn new(number: u32) -> Option<Self> {
+    /// That of a constant.
+    pub fn new(number: u32) -> Option<Self> {
         Some(match number {
             5120 => Self::I8,
             5121 => Self::U8,
@@ -32,7 +33,8 @@ impl Component {
         })
     }
 
-    fn size(self) -> usize {
+    /// Bytes.
+    pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,
@@ -123,6 +125,11 @@ impl Document<'_> {
     pub fn width(&self, index: usize, place: &str) -> Result<usize, ImportError> {
         let (_, layout) = self.layout(index, place)?;
         Ok(layout.rows * layout.columns)
+    }
+
+    /// The component type of accessor `index`.
+    pub fn component(&self, index: usize, place: &str) -> Result<Component, ImportError> {
+        Ok(self.layout(index, place)?.1.component)
     }
 
     /// Number of elements of accessor `index`.
@@ -244,6 +251,9 @@ impl Document<'_> {
         let count = accessor.count as usize;
         let accessor_place = format!("accessors[{index}]");
         let mut packed = match accessor.buffer_view {
+            _ if let Some(decoded) = self.decoded_accessors.get(&index) => {
+                Cow::from(decoded.as_slice())
+            }
             Some(view) => {
                 let (bytes, stride) = self.view(view, &accessor_place)?;
                 let stride = stride.unwrap_or(packed_stride as u64);

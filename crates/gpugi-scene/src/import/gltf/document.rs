@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::cell::RefCell;
 
-use super::{schema, uri};
+use super::{draco, schema, uri};
 use crate::import::budget::Budget;
 use crate::import::quoted;
 use crate::import::replaced::Replaced;
@@ -11,7 +11,8 @@ use crate::import::text::without_mark;
 use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 13] = [
+    DRACO,
     INSTANCING,
     "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
@@ -27,6 +28,7 @@ const SUPPORTED: [&str; 12] = [
 ];
 pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 pub const MESHOPT: &str = "EXT_meshopt_compression";
+pub const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// A parsed file with its buffers.
 pub struct Document<'a> {
@@ -41,6 +43,8 @@ pub struct Document<'a> {
     buffers: Vec<Option<Cow<'a, [u8]>>>,
     /// Content of the compressed buffer views, decoded.
     decoded_views: Vec<Option<Vec<u8>>>,
+    /// Content of the accessors of compressed primitives, decoded.
+    pub decoded_accessors: draco::Accessors,
     warnings: RefCell<Vec<String>>,
     /// Values that no surface can have.
     pub replaced: RefCell<Replaced>,
@@ -72,6 +76,7 @@ impl<'a> Document<'a> {
             name,
             buffers: Vec::new(),
             decoded_views: Vec::new(),
+            decoded_accessors: draco::Accessors::new(),
             warnings: RefCell::default(),
             replaced: RefCell::default(),
         };
@@ -79,6 +84,7 @@ impl<'a> Document<'a> {
         document.check_extensions()?;
         document.read_buffers(binary, resolver)?;
         document.decode_views()?;
+        document.decoded_accessors = document.decode_primitives()?;
         Ok(document)
     }
 

@@ -7,6 +7,7 @@
 
 mod accessor;
 pub(crate) mod document;
+mod draco;
 mod extras;
 pub(crate) mod geometry;
 pub(crate) mod instancing;

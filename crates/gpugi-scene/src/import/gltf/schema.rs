@@ -164,6 +164,23 @@ pub struct Primitive {
     pub mode: u32,
     #[serde(default)]
     pub targets: Vec<BTreeMap<String, usize>>,
+    #[serde(default)]
+    pub extensions: PrimitiveExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub struct PrimitiveExtensions {
+    #[serde(rename = "KHR_draco_mesh_compression")]
+    pub draco: Option<Box<Draco>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Draco {
+    pub buffer_view: usize,
+    /// Numbers of the attributes in the compressed data, by name.
+    pub attributes: BTreeMap<String, u32>,
 }
 
 fn triangles() -> u32 {

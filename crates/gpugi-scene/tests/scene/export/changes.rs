@@ -6,7 +6,9 @@ use gpugi_scene::export::{BakedLight, BakedPage, Changes, Exported, export_scene
 use serde_json::{Value, json};
 
 use crate::builder::{File, Files, png};
-use crate::export::baking::{Baked, SIZE, keep, read, shredded, try_bake};
+use crate::export::baking::{
+    Baked, SIZE, assert_mapped, keep, read, shredded, try_bake, whole,
+};
 
 const TEXELS: usize = (SIZE * SIZE) as usize;
 const PRUNES: Changes = Changes {
@@ -163,11 +165,8 @@ fn lights_whose_light_is_baked_can_go() {
     }
 }
 
-/// A triangle whose positions meshoptimizer has compressed.
-#[cfg(feature = "meshopt")]
-#[test]
-fn compressed_geometry_can_be_decoded() {
-    let file = crate::gltf::meshopt::packed();
+/// What a file shows when its compressed geometry is decoded, in files that keep all materials.
+fn decoded(file: &File) -> Baked {
     let scene = file.import();
     let mut atlas = shredded(&scene);
     atlas.instances.fill(None);
@@ -180,9 +179,43 @@ fn compressed_geometry_can_be_decoded() {
     let decoded = exported.changed(&changes).unwrap();
     keep(&decoded.glb);
     let decoded = Baked::new(&decoded.glb);
-    assert!(!decoded.json.to_string().contains("meshopt"));
     assert_eq!(length(&decoded, "buffers"), 1);
-    assert_eq!(decoded.scene.meshes[0].positions, scene.meshes[0].positions);
+    decoded
+}
+
+#[cfg(feature = "meshopt")]
+#[test]
+fn geometry_of_meshoptimizer_can_be_decoded() {
+    let file = crate::gltf::meshopt::packed();
+    let decoded = decoded(&file);
+    assert!(!decoded.json.to_string().contains("meshopt"));
+    assert_eq!(decoded.scene.meshes[0].positions, file.import().meshes[0].positions);
+}
+
+#[test]
+fn geometry_of_draco_can_be_decoded() {
+    let file = crate::gltf::draco::packed(1);
+    let scene = file.import();
+    let decoded = decoded(&file);
+    assert!(!decoded.json.to_string().contains("draco"));
+    assert!(decoded.scene.meshes[0].positions == scene.meshes[0].positions);
+    assert!(decoded.scene.meshes[0].indices == scene.meshes[0].indices);
+    assert!(decoded.scene.meshes[0].colors == scene.meshes[0].colors);
+    // A bake writes what it changes uncompressed, whether vertices are split or not.
+    for atlas in [shredded(&scene), whole(&scene)] {
+        let page = BakedPage {
+            light: Some(BakedLight::Emissive(vec![Vec3::ONE; TEXELS])),
+            ..BakedPage::default()
+        };
+        let bytes = file.glb();
+        let exported = try_bake(&bytes, &Files::default(), &scene, &atlas, page).unwrap();
+        keep(&exported.glb);
+        let baked = Baked::new(&exported.glb);
+        assert_mapped(&scene, &atlas, &baked.scene, 0);
+        let primitive = &baked.json["meshes"][0]["primitives"][0];
+        assert!(primitive.get("extensions").is_none(), "{primitive}");
+        assert!(baked.json.get("extensionsRequired").is_none());
+    }
 }
 
 /// Indices of what is left out are not mistaken for those of what stays.

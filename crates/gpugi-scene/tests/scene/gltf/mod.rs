@@ -2,6 +2,7 @@
 
 mod animation;
 mod container;
+pub mod draco;
 mod far;
 mod geometry;
 mod hostile;
