@@ -44,7 +44,7 @@ pub struct Outcome {
 }
 
 /// All formats.
-pub const ALL: [Format; 14] = [
+pub const ALL: [Format; 17] = [
     format("glb", seeds::glb, run_scene),
     format("gltf", seeds::gltf, run_scene),
     format("bake", seeds::bake, run_bake),
@@ -57,6 +57,9 @@ pub const ALL: [Format; 14] = [
     format("hdr", seeds::hdr, run_image),
     format("exr", seeds::exr, run_image),
     format("ktx2", seeds::ktx2, run_image),
+    format("basis", seeds::basis, run_image),
+    format("webp", seeds::webp, run_image),
+    format("draco", seeds::draco, run_scene),
     format("nvdb", seeds::nvdb, run_scene),
     format("checkpoint", seeds::checkpoint, run_checkpoint),
 ];

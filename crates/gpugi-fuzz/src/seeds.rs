@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::sync::Arc;
 
+use base64::Engine;
 use exr::prelude::{
     Blocks, Compression, Encoding, Image as ExrImage, Layer, LayerAttributes, LineOrder,
     SpecificChannels, Vec2, WritableImage,
@@ -550,6 +551,74 @@ pub fn ktx2() -> Vec<Case> {
 }
 
 /// A cloud of one leaf in the layout of NanoVDB 32, in floats and in bytes.
+pub fn basis() -> Vec<Case> {
+    let texts = [
+        include_str!("../../gpugi-scene/tests/scene/basis/etc1s.base64"),
+        include_str!("../../gpugi-scene/tests/scene/basis/uastc.base64"),
+    ];
+    let file = |text: &str| {
+        let bytes = base64::engine::general_purpose::STANDARD.decode(text.replace('\n', ""));
+        one("image.ktx2", bytes.expect("base64"))
+    };
+    texts.map(file).to_vec()
+}
+
+pub fn webp() -> Vec<Case> {
+    let file = encoded(
+        DynamicImage::ImageRgba8(small().into_rgba8()),
+        ImageFormat::WebP,
+    );
+    vec![one("image.webp", file)]
+}
+
+/// A triangle by each of Draco's methods.
+pub fn draco() -> Vec<Case> {
+    let file = |method: i32| {
+        let mut mesh = draco_core::Mesh::new();
+        let mut positions = draco_core::PointAttribute::new();
+        let kind = draco_core::GeometryAttributeType::Position;
+        positions.init(kind, 3, draco_core::DataType::Float32, false, 4);
+        let corners = [
+            0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.5,
+        ];
+        positions
+            .buffer_mut()
+            .write(0, bytemuck::cast_slice(&corners));
+        mesh.add_attribute(positions);
+        mesh.set_num_faces(2);
+        for (number, face) in [[0, 1, 2], [2, 1, 3]].into_iter().enumerate() {
+            let face = face.map(draco_core::PointIndex);
+            mesh.set_face(draco_core::FaceIndex(number as u32), face);
+        }
+        let mut encoder = draco_core::MeshEncoder::new();
+        encoder.set_mesh(mesh);
+        let mut options = draco_core::EncoderOptions::new();
+        options.set_encoding_method(method);
+        let mut packed = draco_core::EncoderBuffer::new();
+        encoder.encode(&options, &mut packed).expect("a mesh");
+        let packed = packed.data();
+        let json = json!({
+            "asset": { "version": "2.0" }, "nodes": [{ "mesh": 0 }],
+            "extensionsRequired": ["KHR_draco_mesh_compression"],
+            "buffers": [{ "byteLength": packed.len(), "uri": "packed.bin" }],
+            "bufferViews": [{ "buffer": 0, "byteLength": packed.len() }],
+            "accessors": [
+                { "componentType": 5126, "count": 4, "type": "VEC3" },
+                { "componentType": 5123, "count": 6, "type": "SCALAR" },
+            ],
+            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "extensions": {
+                "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": { "POSITION": 0 } },
+            } }] }],
+        });
+        let json = json.to_string().into_bytes();
+        vec![
+            ("scene.gltf".to_owned(), json),
+            ("packed.bin".to_owned(), packed.to_vec()),
+        ]
+    };
+    [0, 1].map(file).to_vec()
+}
+
 pub fn nvdb() -> Vec<Case> {
     const ROOT: usize = 672 + 64;
     const UPPER: usize = ROOT + 64 + 32;

@@ -721,7 +721,11 @@ mod tests {
         assert!(!changes(&lightmap, &["shadow-map", "radiosity"], true).drops_lights);
         // Materials stay, with obscurance.
         assert!(!changes(&[], &[], false).prunes);
-        let asked = ["--prune=false", "--drop-baked-lights", "--light-units=photometric"];
+        let asked = [
+            "--prune=false",
+            "--drop-baked-lights",
+            "--light-units=photometric",
+        ];
         let asked = changes(&asked, &all, false);
         assert!(!asked.prunes && asked.drops_lights && asked.photometric);
     }

@@ -385,7 +385,10 @@ fn a_baked_scene_looks_as_it_is_lit() {
     }
 
     let few = ["--atlas-size", "64", "--samples", "1"];
-    for (mode, extension) in [("unlit", "KHR_materials_unlit"), ("lightmap", "MOZ_lightmap")] {
+    for (mode, extension) in [
+        ("unlit", "KHR_materials_unlit"),
+        ("lightmap", "MOZ_lightmap"),
+    ] {
         let baked = file(&format!("{mode}.glb"));
         let bake = ["bake", "cornell", "--bake-mode", mode, "-o", &baked];
         run(&[&bake[..], &few, &small, &direct].concat());

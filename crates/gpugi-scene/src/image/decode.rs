@@ -14,7 +14,7 @@ use crate::{Image, ImportError, Limits, Pixels};
 
 /// Bytes per texel of [`Pixels::Rgba8`].
 const COLOR_TEXEL: u64 = 4;
-/// Decodes a material texture (PNG, JPEG, 8-bit KTX2) to [`Pixels::Rgba8`]; 16-bit channels are rounded to 8.
+/// Decodes a material texture (PNG, JPEG, WebP, 8-bit KTX2, Basis Universal) to [`Pixels::Rgba8`]; 16-bit channels are rounded to 8.
 ///
 /// Files that hold radiance (HDR, EXR, KTX2 with floats) are rejected, because 8 bits cannot represent their values.
 pub fn decode_color(name: &str, bytes: &[u8], limits: &Limits) -> Result<Image, ImportError> {
@@ -34,7 +34,7 @@ pub(crate) fn decode_color_within(
             return Err(ImportError::new(
                 name,
                 "header",
-                "this file holds radiance; a material texture is a PNG, a JPEG or an 8-bit KTX2",
+                "this file holds radiance; a material texture is a PNG, a JPEG, a WebP or a KTX2 of 8 bits",
             ));
         }
         Format::Other(format) => decode(name, bytes, format, limits, COLOR_TEXEL)?,
@@ -48,7 +48,7 @@ pub(crate) fn decode_color_within(
     })
 }
 
-/// Decodes a height map of a scene (PNG and JPEG of 8 or 16 bits, KTX2, EXR, HDR).
+/// Decodes a height map of a scene (PNG, JPEG and WebP, KTX2, EXR, HDR).
 pub(crate) fn decode_heights_within(
     name: &str,
     bytes: &[u8],
@@ -69,9 +69,10 @@ pub(crate) fn decode_heights_within(
     Ok(Heights::of(&image))
 }
 
-/// Bytes of the texels that a PNG or JPEG claims to have, as material textures; 0 for others.
+/// Bytes of the texels that a PNG, JPEG or WebP claims to have, as material textures; 0 for others.
 pub(crate) fn claimed_bytes(bytes: &[u8]) -> u64 {
-    let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = image::guess_format(bytes) else {
+    let format = image::guess_format(bytes);
+    let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) = format else {
         return 0;
     };
     let size = ImageReader::with_format(Cursor::new(bytes), format).into_dimensions();
@@ -149,16 +150,18 @@ fn recognise(name: &str, bytes: &[u8]) -> Result<Format, ImportError> {
     }
     match image::guess_format(bytes) {
         Ok(ImageFormat::OpenExr) => Ok(Format::OpenExr),
-        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => Ok(Format::Other(format)),
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => {
+            Ok(Format::Other(format))
+        }
         Ok(format) => Err(ImportError::new(
             name,
             "header",
-            format!("{format:?} is not supported; gpugi reads PNG, JPEG, HDR, EXR and KTX2"),
+            format!("{format:?} is not supported; gpugi reads PNG, JPEG, WebP, HDR, EXR and KTX2"),
         )),
         Err(_) => Err(ImportError::new(
             name,
             "header",
-            "this is no image that gpugi knows (PNG, JPEG, HDR, EXR, KTX2)",
+            "this is no image that gpugi knows (PNG, JPEG, WebP, HDR, EXR, KTX2)",
         )),
     }
 }
@@ -230,6 +233,11 @@ fn decode(
                 false,
                 limits,
             )?;
+            finish(name, decoder, limits, texel)
+        }
+        ImageFormat::WebP => {
+            let decoder = codecs::webp::WebPDecoder::new(reader).map_err(header)?;
+            check_expansion(name, decoder.dimensions(), texel, bytes.len(), true, limits)?;
             finish(name, decoder, limits, texel)
         }
         _ => unreachable!("no other format is recognised"),

@@ -7,7 +7,7 @@ use half::f16;
 use ktx2::dfd::{Basic, Block};
 use ktx2::{Format, Header, Index, LevelIndex};
 
-use super::replace_file;
+use super::{basis, replace_file};
 
 use super::size::check_size;
 use super::srgb::linear_from_srgb;
@@ -186,6 +186,9 @@ pub(super) fn decode_color(
     bytes: &[u8],
     limits: &ImageLimits,
 ) -> Result<Image, ImportError> {
+    if let Some(header) = basis_header(bytes) {
+        return basis::decode(name, bytes, &header, limits);
+    }
     decode(name, bytes, limits, 4, |layout, texels| {
         if !matches!(layout.channel, Channel::Byte { .. }) {
             return Err(ImportError::new(
@@ -246,10 +249,23 @@ struct Layout {
     channel: Channel,
 }
 
+/// The header of a file of one 2D image without a Vulkan format: Basis Universal.
+fn basis_header(bytes: &[u8]) -> Option<Header> {
+    let header = Header::from_bytes(bytes.first_chunk::<{ Header::LENGTH }>()?).ok()?;
+    let is_image = header.pixel_depth == 0 && header.layer_count <= 1 && header.face_count == 1;
+    (header.format.is_none() && is_image).then_some(header)
+}
+
+/// Where a level lies.
+pub(super) fn level_index(bytes: &[u8], level: usize) -> Option<LevelIndex> {
+    let entry = bytes.get(Header::LENGTH + level * LevelIndex::LENGTH..)?;
+    let entry = entry.first_chunk()?;
+    Some(LevelIndex::from_bytes(entry))
+}
+
 /// The content of level 0, if it lies within the file.
 pub(super) fn finest_level(bytes: &[u8]) -> Option<&[u8]> {
-    let entry = bytes.get(Header::LENGTH..)?.first_chunk()?;
-    let level = LevelIndex::from_bytes(entry);
+    let level = level_index(bytes, 0)?;
     let start = usize::try_from(level.byte_offset).ok()?;
     let length = usize::try_from(level.byte_length).ok()?;
     bytes.get(start..start.checked_add(length)?)
@@ -295,7 +311,7 @@ pub(super) fn stored_texels(
         }
         None => {
             return Err(error(
-                "Basis Universal texels are not supported; store 8-bit or float texels".to_owned(),
+                "Basis Universal texels are read as images of materials only; store 8-bit or float texels".to_owned(),
             ));
         }
     };

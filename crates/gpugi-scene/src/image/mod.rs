@@ -1,5 +1,6 @@
 //! Images in memory, and reading and writing of image files.
 
+mod basis;
 mod decode;
 mod encode;
 mod exr;

@@ -2,6 +2,7 @@
 
 mod assets;
 mod atlas;
+mod basis;
 mod builder;
 mod builtin;
 mod digest;

@@ -289,7 +289,9 @@ impl<'a> Baker<'a> {
             self.output.json.no_longer_uses(INSTANCING);
         }
         let meshes = self.output.json.list("meshes").iter();
-        let mut primitives = meshes.flat_map(|mesh| mesh["primitives"].as_array()).flatten();
+        let mut primitives = meshes
+            .flat_map(|mesh| mesh["primitives"].as_array())
+            .flatten();
         if !primitives.any(|primitive| primitive["extensions"].get(DRACO).is_some()) {
             self.output.json.no_longer_uses(DRACO);
         }

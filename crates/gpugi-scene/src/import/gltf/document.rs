@@ -11,8 +11,9 @@ use crate::import::text::without_mark;
 use crate::{ImportError, Limits, Resolver};
 
 /// Supported extensions. `EXT_meshopt_compression` is also supported with the cargo feature `meshopt`.
-const SUPPORTED: [&str; 13] = [
+const SUPPORTED: [&str; 17] = [
     DRACO,
+    "EXT_texture_webp",
     INSTANCING,
     "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
@@ -24,7 +25,10 @@ const SUPPORTED: [&str; 13] = [
     "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
+    "KHR_xmp_json_ld",
 ];
 pub const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 pub const MESHOPT: &str = "EXT_meshopt_compression";

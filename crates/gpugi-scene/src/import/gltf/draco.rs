@@ -3,7 +3,9 @@
 
 use std::collections::BTreeMap;
 
-use draco_core::{DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex};
+use draco_core::{
+    DataType, DecodeLimits, DecoderBuffer, Mesh, MeshDecoder, PointAttribute, PointIndex,
+};
 
 use super::accessor::Component;
 use super::document::{DRACO, Document};
@@ -58,7 +60,9 @@ impl Document<'_> {
         if needed.is_empty() && indices.is_none() {
             return Ok(());
         }
-        let indices_of = primitive.indices.ok_or_else(|| self.error(place, "it has no indices"))?;
+        let indices_of = primitive
+            .indices
+            .ok_or_else(|| self.error(place, "it has no indices"))?;
         if primitive.mode != 4 {
             return Err(self.error(place, "only triangles can be compressed"));
         }
@@ -86,12 +90,17 @@ impl Document<'_> {
             .map_err(|reason| self.error(place, reason))?;
         for (accessor, id) in needed {
             let attribute = mesh.attribute_by_unique_id(id);
-            let attribute = attribute.ok_or_else(|| self.error(place, format!("there is no attribute {id}")))?;
+            let attribute = attribute
+                .ok_or_else(|| self.error(place, format!("there is no attribute {id}")))?;
             let bytes = self.attribute(accessor, attribute, mesh.num_points(), place)?;
             accessors.insert(accessor, bytes);
         }
         if let Some(index) = indices {
-            let corners = mesh.faces().iter().flatten().map(|point| f64::from(point.0));
+            let corners = mesh
+                .faces()
+                .iter()
+                .flatten()
+                .map(|point| f64::from(point.0));
             let bytes = self.stored(index, corners, 3 * mesh.num_faces(), place)?;
             accessors.insert(index, bytes);
         }
@@ -110,7 +119,10 @@ impl Document<'_> {
         if width != usize::from(attribute.num_components()) {
             return Err(self.error(
                 place,
-                format!("accessors[{accessor}] does not have {} components", attribute.num_components()),
+                format!(
+                    "accessors[{accessor}] does not have {} components",
+                    attribute.num_components()
+                ),
             ));
         }
         let read = reader(attribute.data_type())
@@ -121,7 +133,9 @@ impl Document<'_> {
         let values = (0..points).flat_map(|point| {
             let value = attribute.mapped_index(PointIndex(point as u32)).0 as usize;
             (0..width).map(move |component| {
-                let start = value.checked_mul(stride).and_then(|start| start.checked_add(component * size));
+                let start = value
+                    .checked_mul(stride)
+                    .and_then(|start| start.checked_add(component * size));
                 let bytes = start.and_then(|start| data.get(start..)?.get(..size));
                 // What maps to no value is damaged.
                 bytes.map_or(f64::NAN, read)
@@ -166,7 +180,11 @@ impl Document<'_> {
 fn reader(kind: DataType) -> Option<fn(&[u8]) -> f64> {
     macro_rules! read {
         ($type:ty) => {
-            |bytes| f64::from(<$type>::from_le_bytes(bytes.first_chunk().copied().unwrap_or_default()))
+            |bytes| {
+                f64::from(<$type>::from_le_bytes(
+                    bytes.first_chunk().copied().unwrap_or_default(),
+                ))
+            }
         };
     }
     Some(match kind {

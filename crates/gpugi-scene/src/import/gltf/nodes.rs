@@ -35,11 +35,13 @@ pub fn read_all(
         rig: hierarchy(document)?,
         geometries: HashMap::new(),
         instancing: Instancing::default(),
+        is_hidden: Vec::new(),
         media: Media::new(document, resolver),
     };
     rig::read_skins(document, &mut placer.rig)?;
     rig::read_animations(document, &mut placer.rig)?;
     placer.instancing = instancing::expand(document, &mut placer.rig)?;
+    placer.is_hidden = hidden(document, &placer.rig);
     let pose = placer.rig.pose(0.0);
     for carrier in nodes_of_scene(document, &placer.rig)? {
         // World space is that of the file until all is known ([`Scene::settle`]).
@@ -213,6 +215,20 @@ fn nodes_of_scene(document: &Document, rig: &Rig) -> Result<Vec<usize>, ImportEr
     Ok(in_scene.filter(|&node| is_in_scene[node]).collect())
 }
 
+/// For each node of the rig, whether it or one above it is hidden (KHR_node_visibility).
+fn hidden(document: &Document, rig: &Rig) -> Vec<bool> {
+    let mut is_hidden = vec![false; rig.nodes.len()];
+    for &node in &rig.order {
+        let source = document.root.nodes.get(node);
+        let is_own = source.is_some_and(|source| !source.extensions.visibility.visible);
+        is_hidden[node] = is_own
+            || rig.nodes[node]
+                .parent
+                .is_some_and(|parent| is_hidden[parent]);
+    }
+    is_hidden
+}
+
 /// A primitive that has been read.
 struct Loaded {
     geometry: Geometry,
@@ -230,6 +246,8 @@ struct Placer<'a> {
     /// Primitives, by glTF mesh.
     geometries: HashMap<usize, Vec<Loaded>>,
     instancing: Instancing,
+    /// Per node of the rig: it shows no mesh, medium or light. Cameras see from there all the same.
+    is_hidden: Vec<bool>,
     media: Media<'a>,
 }
 
@@ -257,7 +275,9 @@ impl Placer<'_> {
         let root = &document.root;
         let (index, number) = self.stands(carrier);
         let node = &root.nodes[index];
+        let is_shown = !self.is_hidden[carrier];
         if let Some(mesh) = node.mesh
+            && is_shown
             && (number.is_some() || !self.instancing.nodes.contains(&index))
         {
             self.instances(carrier, mesh, world_from_node, place, scene)?;
@@ -273,7 +293,7 @@ impl Placer<'_> {
         let name = node.name.clone().unwrap_or_else(medium_name);
         let box_of_node = Some(world_from_node);
         let medium = (self.media).read(&node.extras, place, name, box_of_node, Some(index))?;
-        scene.media.extend(medium);
+        scene.media.extend(medium.filter(|_| is_shown));
         if let Some(camera) = node.camera {
             let place = format!("{place}.camera");
             let source = document.get(&root.cameras, "camera", camera, &place)?;
@@ -288,7 +308,9 @@ impl Placer<'_> {
                 node: Some(index),
             });
         }
-        if let Some(reference) = &node.extensions.light {
+        if let Some(reference) = &node.extensions.light
+            && is_shown
+        {
             let place = format!("{place}.extensions.KHR_lights_punctual");
             let lights = &root.extensions.lights.lights;
             let source = document.get(lights, "light", reference.light, &place)?;

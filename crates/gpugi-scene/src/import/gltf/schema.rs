@@ -134,6 +134,20 @@ pub struct NodeExtensions {
     pub light: Option<NodeLight>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     pub instancing: Option<Instancing>,
+    #[serde(rename = "KHR_node_visibility")]
+    pub visibility: Visibility,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(default)]
+pub struct Visibility {
+    pub visible: bool,
+}
+
+impl Default for Visibility {
+    fn default() -> Self {
+        Self { visible: true }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -288,7 +302,7 @@ pub struct MeshoptBuffer {
 pub struct Texture {
     pub sampler: Option<usize>,
     pub source: Option<usize>,
-    /// Names images in formats that gpugi does not decode.
+    /// Names of images in other formats than PNG and JPEG.
     pub extensions: Others,
 }
 

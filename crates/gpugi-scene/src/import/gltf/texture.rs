@@ -11,6 +11,9 @@ use crate::image::{claimed_bytes, decode_color_within};
 use crate::import::quoted;
 use crate::{Image, ImportError, Pixels, Resolver, Scene, Texture, TextureRef, Wrap};
 
+/// Extensions that name images in formats which gpugi decodes.
+const OTHER_FORMATS: [&str; 2] = ["KHR_texture_basisu", "EXT_texture_webp"];
+
 /// Indices of the decoded images and textures in the scene, by glTF index.
 pub struct Textures<'a> {
     document: &'a Document<'a>,
@@ -147,7 +150,12 @@ impl<'a> Textures<'a> {
         let root = &document.root;
         let texture = document.get(&root.textures, "texture", index, place)?;
         let place = format!("textures[{index}]");
-        let Some(source) = texture.source else {
+        // Files that have a PNG or JPEG besides have it for programs that do not decode the other one, and it is as good.
+        let other = OTHER_FORMATS.iter().find_map(|name| {
+            let source = texture.extensions.get(*name)?.get("source")?.as_u64()?;
+            usize::try_from(source).ok()
+        });
+        let Some(source) = texture.source.or(other) else {
             let formats: Vec<&str> = texture.extensions.keys().map(String::as_str).collect();
             return Err(document.error(
                 place,

@@ -6,9 +6,7 @@ use gpugi_scene::export::{BakedLight, BakedPage, Changes, Exported, export_scene
 use serde_json::{Value, json};
 
 use crate::builder::{File, Files, png};
-use crate::export::baking::{
-    Baked, SIZE, assert_mapped, keep, read, shredded, try_bake, whole,
-};
+use crate::export::baking::{Baked, SIZE, assert_mapped, keep, read, shredded, try_bake, whole};
 
 const TEXELS: usize = (SIZE * SIZE) as usize;
 const PRUNES: Changes = Changes {
@@ -189,7 +187,10 @@ fn geometry_of_meshoptimizer_can_be_decoded() {
     let file = crate::gltf::meshopt::packed();
     let decoded = decoded(&file);
     assert!(!decoded.json.to_string().contains("meshopt"));
-    assert_eq!(decoded.scene.meshes[0].positions, file.import().meshes[0].positions);
+    assert_eq!(
+        decoded.scene.meshes[0].positions,
+        file.import().meshes[0].positions
+    );
 }
 
 #[test]

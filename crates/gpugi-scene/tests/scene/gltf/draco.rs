@@ -21,9 +21,8 @@ fn position(vertex: u32) -> Vec3 {
 /// Two triangles for each square of the patch.
 fn triangles() -> Vec<[u32; 3]> {
     let squares = (0..SIDE - 1).flat_map(|y| (0..SIDE - 1).map(move |x| y * SIDE + x));
-    let triangles = squares.flat_map(|at| {
-        [[at, at + 1, at + SIDE + 1], [at, at + SIDE + 1, at + SIDE]]
-    });
+    let triangles =
+        squares.flat_map(|at| [[at, at + 1, at + SIDE + 1], [at, at + SIDE + 1, at + SIDE]]);
     triangles.collect()
 }
 
@@ -37,13 +36,36 @@ fn encoded(method: i32) -> Vec<u8> {
         attribute.buffer_mut().write(0, &bytes);
         mesh.add_attribute(attribute);
     };
-    let floats = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let floats = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect()
+    };
     let positions = (0..VERTICES).map(|vertex| floats(&position(vertex).to_array()));
-    add(GeometryAttributeType::Position, DataType::Float32, false, positions.collect(), 3);
+    add(
+        GeometryAttributeType::Position,
+        DataType::Float32,
+        false,
+        positions.collect(),
+        3,
+    );
     let uvs = (0..VERTICES).map(|vertex| floats(&[vertex as f32 / 32.0, 0.5]));
-    add(GeometryAttributeType::TexCoord, DataType::Float32, false, uvs.collect(), 2);
+    add(
+        GeometryAttributeType::TexCoord,
+        DataType::Float32,
+        false,
+        uvs.collect(),
+        2,
+    );
     let colors = (0..VERTICES).map(|vertex| vec![vertex as u8 * 10, 255, 0]);
-    add(GeometryAttributeType::Color, DataType::Uint8, true, colors.collect(), 3);
+    add(
+        GeometryAttributeType::Color,
+        DataType::Uint8,
+        true,
+        colors.collect(),
+        3,
+    );
     let triangles = triangles();
     mesh.set_num_faces(triangles.len());
     for (number, triangle) in triangles.into_iter().enumerate() {
@@ -96,14 +118,20 @@ fn corners(scene: &gpugi_scene::Scene) -> Vec<String> {
     let mesh = &scene.meshes[0];
     let corner = |index: &u32| {
         let at = *index as usize;
-        (mesh.positions[at], mesh.uvs[0][at], mesh.colors[at].truncate())
+        (
+            mesh.positions[at],
+            mesh.uvs[0][at],
+            mesh.colors[at].truncate(),
+        )
     };
     let mut all: Vec<String> = mesh
         .indices
         .chunks(3)
         .map(|triangle| {
-            let mut corners: Vec<String> =
-                triangle.iter().map(|index| format!("{:.2?}", corner(index))).collect();
+            let mut corners: Vec<String> = triangle
+                .iter()
+                .map(|index| format!("{:.2?}", corner(index)))
+                .collect();
             // Which corner is first is of no matter; the direction is.
             let least = corners.iter().min().cloned().unwrap();
             let first = corners.iter().position(|corner| *corner == least).unwrap();
@@ -120,7 +148,9 @@ fn every_corner_of_every_triangle_comes_back() {
     let mut expected = crate::builder::File::triangle().import();
     let mesh = std::sync::Arc::make_mut(&mut expected.meshes[0]);
     mesh.positions = (0..VERTICES).map(position).collect();
-    mesh.uvs[0] = (0..VERTICES).map(|vertex| vec2(vertex as f32 / 32.0, 0.5)).collect();
+    mesh.uvs[0] = (0..VERTICES)
+        .map(|vertex| vec2(vertex as f32 / 32.0, 0.5))
+        .collect();
     let color = |vertex: u32| vec3((vertex * 10) as f32 / 255.0, 1.0, 0.0).extend(1.0);
     mesh.colors = (0..VERTICES).map(color).collect();
     mesh.indices = triangles().concat();
@@ -141,8 +171,14 @@ fn damage_is_named() {
     let extension = |file: &mut File, key: &str, value: Value| {
         file.primitive()["extensions"]["KHR_draco_mesh_compression"][key] = value;
     };
-    damaged(&|file| extension(file, "attributes", json!({ "POSITION": 9 })), "no attribute 9");
-    damaged(&|file| file.primitive()["mode"] = json!(5), "only triangles");
+    damaged(
+        &|file| extension(file, "attributes", json!({ "POSITION": 9 })),
+        "no attribute 9",
+    );
+    damaged(
+        &|file| file.primitive()["mode"] = json!(5),
+        "only triangles",
+    );
     damaged(
         &|file| {
             let primitive = file.primitive().as_object_mut().unwrap();
@@ -151,12 +187,21 @@ fn damage_is_named() {
         "no indices",
     );
     // What the accessors say bounds what may be decoded.
-    damaged(&|file| file.json["accessors"][1]["count"] = json!(26), "75 numbers");
+    damaged(
+        &|file| file.json["accessors"][1]["count"] = json!(26),
+        "75 numbers",
+    );
     for accessor in 1..=3 {
-        damaged(&|file| file.json["accessors"][accessor]["count"] = json!(u64::MAX), "limit");
+        damaged(
+            &|file| file.json["accessors"][accessor]["count"] = json!(u64::MAX),
+            "limit",
+        );
     }
     damaged(&|file| file.json["accessors"][4]["count"] = json!(3), "");
-    damaged(&|file| file.json["accessors"][2]["type"] = json!("VEC4"), "components");
+    damaged(
+        &|file| file.json["accessors"][2]["type"] = json!("VEC4"),
+        "components",
+    );
     damaged(
         &|file| {
             let start = file.json["bufferViews"][1]["byteOffset"].as_u64().unwrap() as usize;

@@ -115,12 +115,12 @@ fn optional_formats_fall_back() {
     let mut file = showing(json!({}));
     let view = file.view(&png(1, 1, &TEXEL));
     file.json["images"][0] = json!({ "bufferView": view });
-    file.push("images", json!({ "uri": "never-read.ktx2" }));
-    file.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
-    file.json["textures"][0]["extensions"] = json!({ "KHR_texture_basisu": { "source": 1 } });
+    file.push("images", json!({ "uri": "never-read.avif" }));
+    file.json["extensionsUsed"] = json!(["EXT_texture_avif"]);
+    file.json["textures"][0]["extensions"] = json!({ "EXT_texture_avif": { "source": 1 } });
     let scene = file.import();
     assert_eq!(scene.images[0].pixels, Pixels::Rgba8(TEXEL.to_vec()));
-    assert!(scene.warnings[0].contains("KHR_texture_basisu"));
+    assert!(scene.warnings[0].contains("EXT_texture_avif"));
     // Nothing to fall back on.
     file.json["textures"][0]
         .as_object_mut()
@@ -131,6 +131,33 @@ fn optional_formats_fall_back() {
     let notes = scene.warnings.iter();
     let texture = notes.filter(|note| note.starts_with("textures[0]: the texture has no PNG"));
     assert_eq!(texture.count(), 1);
+}
+
+#[test]
+fn webp_and_basis_universal_need_nothing_to_fall_back_on() {
+    let mut webp = Vec::new();
+    image::codecs::webp::WebPEncoder::new_lossless(&mut webp)
+        .encode(&TEXEL, 1, 1, image::ExtendedColorType::Rgba8)
+        .unwrap();
+    let basis = crate::basis::file(crate::basis::UASTC);
+    for (extension, bytes, size) in [
+        ("EXT_texture_webp", webp, 1),
+        ("KHR_texture_basisu", basis, crate::basis::WIDTH),
+    ] {
+        let mut file = showing(json!({}));
+        let view = file.view(&bytes);
+        file.json["images"][0] = json!({ "bufferView": view });
+        file.json["textures"][0] = json!({ "extensions": { extension: { "source": 0 } } });
+        for list in ["extensionsUsed", "extensionsRequired"] {
+            file.json[list] = json!([extension]);
+        }
+        let scene = file.import();
+        assert_eq!(scene.images[0].width, size, "{extension}");
+        assert!(scene.materials[0].emissive_texture.is_some());
+        if size == 1 {
+            assert_eq!(scene.images[0].pixels, Pixels::Rgba8(TEXEL.to_vec()));
+        }
+    }
 }
 
 #[test]

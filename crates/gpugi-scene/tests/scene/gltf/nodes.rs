@@ -90,6 +90,39 @@ fn only_the_default_scene_is_read() {
     file.assert_error("scene", "out of range");
 }
 
+/// What hides a node hides what hangs on it: meshes and lights, but no cameras.
+#[test]
+fn hidden_nodes_show_nothing() {
+    let mut file = lit(json!({ "type": "point" }));
+    let positions = file.floats("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let mesh = json!({ "primitives": [{ "attributes": { "POSITION": positions } }] });
+    file.push("meshes", mesh);
+    let camera = json!({ "type": "perspective", "perspective": { "yfov": 1.0, "znear": 0.1 } });
+    file.push("cameras", camera);
+    let light = file.json["nodes"].as_array().unwrap().len() - 1;
+    file.push("nodes", json!({ "mesh": 0, "children": [light] }));
+    file.push("nodes", json!({ "camera": 0, "children": [light + 1] }));
+    let counts = |file: &File| {
+        let scene = file.import();
+        [
+            scene.instances.len(),
+            scene.lights.len(),
+            scene.cameras.len(),
+        ]
+    };
+    let all = counts(&file);
+    assert_eq!(all[1..], [1, 1]);
+    file.json["extensionsUsed"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!("KHR_node_visibility"));
+    for (visible, expected) in [(true, all), (false, [all[0] - 1, 0, 1])] {
+        file.json["nodes"][light + 2]["extensions"] =
+            json!({ "KHR_node_visibility": { "visible": visible } });
+        assert_eq!(counts(&file), expected);
+    }
+}
+
 #[test]
 fn cycles_and_second_parents_are_errors() {
     let mut file = File::triangle();
