@@ -14,6 +14,7 @@ mod bench_edits;
 mod bench_path_tracer;
 mod bench_rays;
 mod compare;
+mod convert;
 mod doctor;
 mod explain;
 mod film;
@@ -72,6 +73,8 @@ enum Command {
     Film(film::Arguments),
     /// Bake a scene's light into textures, or an environment into maps, for use in other programs
     Bake(bake::Arguments),
+    /// Write a scene as one .glb for other programs
+    Convert(convert::Arguments),
     /// Measure the error of an image against its reference
     Compare(compare::Arguments),
     /// Measure the error of techniques against the path tracer on the same light paths, and their cost
@@ -164,6 +167,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Bake(bake) => bake::run(common, bake),
         Command::Compare(compare) => compare::run(common, compare),
         Command::Measure(measure) => measure::run(common, measure),
+        Command::Convert(arguments) => convert::run(common, arguments),
         Command::Info(scene) => info(scene),
         Command::List {
             what: What::Settings,

@@ -22,7 +22,7 @@ use gpugi_scene::import_environment;
 use crate::output::{make_folder, write_json};
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
-pub use scene::{Baked, Order, SceneOptions, Subject, bake};
+pub use scene::{Baked, LightUnits, Order, SceneOptions, Subject, bake, write};
 pub use tasks::SharedBake;
 
 /// Options of `gpugi bake`.

@@ -62,7 +62,7 @@ pub(super) enum Reader {
 
 /// Units of punctual lights in files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum LightUnits {
+pub enum LightUnits {
     /// One candela stands for one watt per steradian, as gpugi reads files
     Radiometric,
     /// 683 candelas stand for one watt per steradian
@@ -379,6 +379,7 @@ pub fn bake<'a>(
         }
     }
     let changes = options.changes(Some(&lights));
+    notes.extend(dropped(&changes, &scene).map(str::to_owned));
     let warnings = write(source, output, |file| {
         export_bake(file, &original, &atlas.clone().turned(&turned), &pages)?.changed(&changes)
     })?;
@@ -512,6 +513,13 @@ fn dump_leaks(leaks: &Leaks, size: u32, folder: &Path) -> anyhow::Result<()> {
             .with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     Ok(())
+}
+
+/// A note on lights that the file of a scene does not have.
+pub(super) fn dropped(changes: &Changes, scene: &Scene) -> Option<&'static str> {
+    (changes.drops_lights && !scene.lights.is_empty()).then_some(
+        "the file has no lights, because it holds their light; --drop-baked-lights=false keeps them",
+    )
 }
 
 /// A note on triangles without texels of their own.

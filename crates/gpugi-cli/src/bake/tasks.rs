@@ -13,7 +13,7 @@ use gpugi_scene::{Atlas, Scene};
 
 use super::lights::{self, Lights};
 use super::scene::{
-    Baked, Order, SceneOptions, Subject, check, check_denoise, leave_out, light_bake,
+    Baked, Order, SceneOptions, Subject, check, check_denoise, dropped, leave_out, light_bake,
     light_of_pages, moved, notes_of, nothing_to_bake, too_thin, write,
 };
 use super::work::unwrap;
@@ -183,6 +183,7 @@ impl SharedBake {
             ..BakedPage::default()
         };
         let pages: Vec<BakedPage> = light.into_iter().map(of_page).collect();
+        notes.extend(dropped(&changes, &scene).map(str::to_owned));
         notes.extend(write(source.as_ref(), output, |file| {
             export_bake(file, &original, &atlas.clone().turned(&turned), &pages)?.changed(&changes)
         })?);

@@ -6,6 +6,7 @@ mod bake_stops;
 mod bake_surfaces;
 mod common;
 mod compare;
+mod convert;
 mod far_from_origin;
 mod film;
 mod measure;

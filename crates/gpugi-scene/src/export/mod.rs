@@ -25,6 +25,14 @@ pub fn export_scene(scene: &Scene) -> Result<Exported, ExportError> {
     })
 }
 
+/// Writes a glTF file as one .glb, with its buffers and images in it. Everything else stays as it is.
+///
+/// # Errors
+/// If it cannot be read, or the file would exceed 4 GiB.
+pub fn export_original(original: &Original) -> Result<Exported, ExportError> {
+    gltf::whole(original)
+}
+
 /// Writes a .glb that shows `scene` with the baked `pages`, using the texture coordinates of `atlas`.
 ///
 /// If there is an `original`, from which `scene` was imported, everything in that file stays as it is except what the

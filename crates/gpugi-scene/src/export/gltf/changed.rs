@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use super::Nothing;
 use super::json::{Json, object, remove_empty};
-use super::output::Output;
-use super::prune;
+use super::output::{ELEMENT_ARRAY_BUFFER, Output};
+use super::{primitive, prune};
 use crate::Limits;
 use crate::export::{Changes, ExportError, Exported};
 use crate::import::gltf::document::{DRACO, Document, MESHOPT};
@@ -18,15 +18,8 @@ const LUMENS_PER_WATT: f64 = 683.0;
 pub fn changed(exported: Exported, changes: &Changes) -> Result<Exported, ExportError> {
     let mut output = Output::of_glb(&exported.glb)?;
     let mut warnings = exported.warnings;
-    let lights = output.json.list("nodes").iter();
-    let lights = lights.filter(|node| node["extensions"].get(LIGHTS).is_some());
-    let lights = lights.count();
-    if changes.drops_lights && lights > 0 {
+    if changes.drops_lights {
         drop_lights(&mut output.json)?;
-        warnings.push(match lights {
-            1 => "the light is left out of the file, because its light is baked".to_owned(),
-            _ => format!("{lights} lights are left out of the file, because their light is baked"),
-        });
     } else if changes.photometric {
         to_photometric(&mut output.json);
     }
@@ -75,11 +68,23 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
         object(view, "extensions").shift_remove(MESHOPT);
         remove_empty(view, "extensions");
     }
-    for (&accessor, bytes) in &document.decoded_accessors {
-        let view = output.view(bytes, None)?;
-        let accessor = output.json.at("accessors", accessor)?;
-        accessor.insert("bufferView".to_owned(), view.into());
-        accessor.shift_remove("byteOffset");
+    for &number in document.decoded_accessors.keys() {
+        let packed = document.packed(number, "accessors")?;
+        let width = document.width(number, "accessors")?;
+        let mut accessor = std::mem::take(output.json.at("accessors", number)?);
+        if width == 1 {
+            let view = output.view(&packed.bytes, Some(ELEMENT_ARRAY_BUFFER))?;
+            accessor.insert("bufferView".to_owned(), view.into());
+        } else {
+            let stride = packed.stride.next_multiple_of(4);
+            let elements = packed.bytes.chunks_exact(packed.stride);
+            let padding = vec![0; stride - packed.stride];
+            let elements: Vec<u8> = elements.flat_map(|one| [one, &padding].concat()).collect();
+            let component = document.root.accessors[number].component_type;
+            let kind = (component, width, packed.stride);
+            primitive::store(output, &mut accessor, &elements, kind, false)?;
+        }
+        *output.json.at("accessors", number)? = accessor;
     }
     for mesh in 0..output.json.list("meshes").len() {
         let primitives = output.json.at("meshes", mesh)?.get_mut("primitives");

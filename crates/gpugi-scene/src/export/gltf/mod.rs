@@ -99,6 +99,22 @@ pub fn bake(
     Ok(exported)
 }
 
+/// See [`super::export_original`].
+pub fn whole(original: &Original) -> Result<Exported, ExportError> {
+    let Original {
+        name,
+        bytes,
+        resolver,
+        limits,
+    } = original;
+    let document = Document::read(name, bytes, *resolver, limits)?;
+    let baker = Baker::new(&document, *resolver)?;
+    Ok(Exported {
+        glb: baker.output.glb()?,
+        warnings: baker.warnings,
+    })
+}
+
 /// Resolver for a file that refers to no others.
 struct Nothing;
 

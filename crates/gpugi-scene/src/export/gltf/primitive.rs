@@ -274,29 +274,44 @@ fn select(
         let start = source as usize * size;
         element[..size].copy_from_slice(&packed.bytes[start..start + size]);
     }
-    let view = output.view(&bytes, Some(ARRAY_BUFFER))?;
+    let mut json = output.json.copy("accessors", accessor)?;
+    json.insert("count".to_owned(), split.sources.len().into());
+    let component = document.root.accessors[accessor].component_type;
+    let kind = (component, document.width(accessor, place)?, size);
+    store(output, &mut json, &bytes, kind, is_bounded)?;
+    output.json.push("accessors", Value::Object(json))
+}
+
+/// Stores the elements of a vertex attribute, as many bytes apart as the next multiple of 4, and lets its accessor say
+/// where they are and, if it did so or `is_bounded` is set, what bounds them. `component`, `width`, `size`: glTF's constant,
+/// the number of components and the bytes of an element.
+pub fn store(
+    output: &mut Output,
+    accessor: &mut Object,
+    elements: &[u8],
+    (component, width, size): (u32, usize, usize),
+    is_bounded: bool,
+) -> Result<(), ExportError> {
+    let stride = size.next_multiple_of(4);
+    let view = output.view(elements, Some(ARRAY_BUFFER))?;
     if stride != size {
         let view = output.json.at("bufferViews", view)?;
         view.insert("byteStride".to_owned(), stride.into());
     }
-    let mut json = output.json.copy("accessors", accessor)?;
     for member in ["sparse", "byteOffset"] {
-        json.shift_remove(member);
+        accessor.shift_remove(member);
     }
-    json.insert("bufferView".to_owned(), view.into());
-    json.insert("count".to_owned(), split.sources.len().into());
-    let component = document.root.accessors[accessor].component_type;
-    let width = document.width(accessor, place)?;
-    let mut range = range(component, width, &bytes, stride, size).unwrap_or_default();
+    accessor.insert("bufferView".to_owned(), view.into());
+    let mut range = range(component, width, elements, stride, size).unwrap_or_default();
     for bound in ["min", "max"] {
-        if is_bounded || json.contains_key(bound) {
+        if is_bounded || accessor.contains_key(bound) {
             match range.shift_remove(bound) {
-                Some(value) => json.insert(bound.to_owned(), value),
-                None => json.shift_remove(bound),
+                Some(value) => accessor.insert(bound.to_owned(), value),
+                None => accessor.shift_remove(bound),
             };
         }
     }
-    output.json.push("accessors", Value::Object(json))
+    Ok(())
 }
 
 /// `min` and `max` of elements with `width` components, in stored values. `None` if they are not finite, and for
