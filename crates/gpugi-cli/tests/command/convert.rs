@@ -30,7 +30,12 @@ fn scenes_become_files_that_other_programs_read() {
     let options = ["--light-units", "photometric", "--without", "*spot*"];
     let bright = convert(&path("room.glb"), &path("bright.glb"), &options);
     assert_eq!(bright.lights.len(), 1);
-    let same = |name: &str| first.lights.iter().find(|light| light.name.as_str() == name);
+    let same = |name: &str| {
+        first
+            .lights
+            .iter()
+            .find(|light| light.name.as_str() == name)
+    };
     for light in &bright.lights {
         let watts = same(light.name.as_str()).expect("a light").intensity;
         assert!((light.intensity / watts - 683.0).abs().max_element() < 0.01);
