@@ -22,7 +22,9 @@ def show(file: str) -> None:
 
 def _show(material, lightmap, folder: str) -> None:
     nodes, links = material.node_tree.nodes, material.node_tree.links
-    surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    surface = next((node for node in nodes if node.type == "BSDF_PRINCIPLED"), None)
+    if surface is None:
+        return
     uvs = nodes.new("ShaderNodeUVMap")
     uvs.uv_map = f"UVMap.{lightmap['texCoord']:03}" if lightmap["texCoord"] else "UVMap"
     light = nodes.new("ShaderNodeTexImage")

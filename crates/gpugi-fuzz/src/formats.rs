@@ -4,7 +4,9 @@ use glam::Vec2;
 use gpugi::bake::{Checkpoint, CheckpointKey};
 use gpugi_scene::atlas::InstanceUvs;
 use gpugi_scene::bvh::{BottomLevel, BvhInstance};
-use gpugi_scene::export::{BakedPage, Original, export_bake, export_scene};
+use gpugi_scene::export::{
+    BakedPage, Changes, Original, export_bake, export_original, export_scene,
+};
 use gpugi_scene::image::{decode_color, decode_radiance};
 use gpugi_scene::{Atlas, AtlasOptions, Limits, Resolver, Scene, import};
 
@@ -151,8 +153,48 @@ fn run_scene(case: &Case) -> Outcome {
     };
     let mut signature = sizes(&scene);
     scene.pose(0.3);
-    let failure = use_scene(&scene, &mut signature).err();
+    let used = use_scene(&scene, &mut signature);
+    let failure = used.and_then(|()| convert(case, &mut signature)).err();
     Outcome { signature, failure }
+}
+
+/// Every change of a file that was imported.
+const CHANGES: Changes = Changes {
+    drops_lights: true,
+    photometric: true,
+    unpacks: true,
+    prunes: true,
+};
+
+/// Converts a glTF file that was imported: the result is read, too.
+fn convert(case: &Case, signature: &mut String) -> Result<(), String> {
+    let (name, bytes) = &case[0];
+    if !name.ends_with("gltf") && !name.ends_with("glb") {
+        return Ok(());
+    }
+    let original = Original {
+        name,
+        bytes,
+        resolver: &Files(case),
+        limits: LIMITS,
+    };
+    let exported = export_original(&original);
+    match exported.and_then(|exported| exported.changed(&CHANGES)) {
+        Ok(exported) => read_again("converted.glb", &exported.glb),
+        Err(error) => {
+            signature.push_str(&without_numbers(&error.to_string()));
+            Ok(())
+        }
+    }
+}
+
+/// Reads what was written.
+fn read_again(name: &str, glb: &[u8]) -> Result<(), String> {
+    let read = import(name, glb, &Files(&Vec::new()), &Limits::default());
+    read.map(drop).map_err(|error| {
+        let error = without_numbers(&error.to_string());
+        format!("what was written is refused: {error}")
+    })
 }
 
 /// Does with a scene what renders and bakes do. The error says what should not have happened.
@@ -256,24 +298,14 @@ fn run_bake(case: &Case) -> Outcome {
         resolver: &Files(case),
         limits: LIMITS,
     };
-    let mut failure = None;
-    match export_bake(Some(original), &scene, &atlas, &[page]) {
-        Ok(exported) => {
-            let read = import(
-                "baked.glb",
-                &exported.glb,
-                &Files(&Vec::new()),
-                &Limits::default(),
-            );
-            failure = read.err().map(|error| {
-                format!(
-                    "its bake is refused: {}",
-                    without_numbers(&error.to_string())
-                )
-            });
+    let exported = export_bake(Some(original), &scene, &atlas, &[page]);
+    let failure = match exported.and_then(|exported| exported.changed(&CHANGES)) {
+        Ok(exported) => read_again("baked.glb", &exported.glb).err(),
+        Err(error) => {
+            signature.push_str(&without_numbers(&error.to_string()));
+            None
         }
-        Err(error) => signature.push_str(&without_numbers(&error.to_string())),
-    }
+    };
     Outcome { signature, failure }
 }
 

@@ -550,7 +550,6 @@ pub fn ktx2() -> Vec<Case> {
     cases
 }
 
-/// A cloud of one leaf in the layout of NanoVDB 32, in floats and in bytes.
 pub fn basis() -> Vec<Case> {
     let texts = [
         include_str!("../../gpugi-scene/tests/scene/basis/etc1s.base64"),
@@ -563,12 +562,18 @@ pub fn basis() -> Vec<Case> {
     texts.map(file).to_vec()
 }
 
+/// Without and with an extended header.
 pub fn webp() -> Vec<Case> {
-    let file = encoded(
-        DynamicImage::ImageRgba8(small().into_rgba8()),
-        ImageFormat::WebP,
-    );
-    vec![one("image.webp", file)]
+    let image = DynamicImage::ImageRgba8(small().into_rgba8());
+    let [width, height] = [image.width(), image.height()].map(|side| side - 1);
+    let plain = encoded(image, ImageFormat::WebP);
+    let mut header = vec![0x10, 0, 0, 0];
+    header.extend(&width.to_le_bytes()[..3]);
+    header.extend(&height.to_le_bytes()[..3]);
+    let chunks = [b"VP8X", &10_u32.to_le_bytes()[..], &header, &plain[12..]].concat();
+    let length = (4 + chunks.len() as u32).to_le_bytes();
+    let extended = [b"RIFF", &length[..], b"WEBP", &chunks].concat();
+    vec![one("a.webp", plain), one("b.webp", extended)]
 }
 
 /// A triangle by each of Draco's methods.
@@ -619,6 +624,7 @@ pub fn draco() -> Vec<Case> {
     [0, 1].map(file).to_vec()
 }
 
+/// A cloud of one leaf in the layout of NanoVDB 32, in floats and in bytes.
 pub fn nvdb() -> Vec<Case> {
     const ROOT: usize = 672 + 64;
     const UPPER: usize = ROOT + 64 + 32;

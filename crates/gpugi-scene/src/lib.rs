@@ -49,6 +49,7 @@ pub use extent::core_of;
 pub use image::{Image, Pixels};
 pub use import::{
     FileResolver, Limits, Resolver, import, import_environment, import_file, import_file_within,
+    read_file,
 };
 pub use lens::{Lens, LensError};
 pub use light::{Light, LightKind};

@@ -17,7 +17,7 @@ use gpugi_scene::export::{
     BakedLight, BakedPage, Changes, ExportError, Exported, LightmapQuantity, Original, export_bake,
 };
 use gpugi_scene::image::{replace_file, save_exr, save_png};
-use gpugi_scene::{Atlas, Scene};
+use gpugi_scene::{Atlas, Scene, read_file};
 
 use super::has_extension;
 use super::lights::{self, Lights, Part};
@@ -663,12 +663,13 @@ pub fn write(
     let exported = match source.filter(is_gltf) {
         Some(source) => {
             let name = &source.scene;
-            let bytes = std::fs::read(name).with_context(|| format!("{name}: cannot be read"))?;
+            let limits = source.limits()?;
+            let bytes = read_file(Path::new(name), &limits)?;
             export(Some(Original {
                 name,
                 bytes: &bytes,
                 resolver: &source.resolver()?,
-                limits: source.limits()?,
+                limits,
             }))?
         }
         None => export(None)?,

@@ -94,7 +94,7 @@ pub struct Changes {
     /// Decode geometry that meshoptimizer or Draco has compressed, for programs without their decoders.
     pub unpacks: bool,
     /// Leave out meshes, materials, textures, images, accessors, attributes and bytes that nothing shows any more. Files with
-    /// extensions that are unknown here stay whole.
+    /// extensions that are unknown here, and files that hold what relights them, stay whole.
     pub prunes: bool,
 }
 

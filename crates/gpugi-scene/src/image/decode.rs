@@ -69,8 +69,11 @@ pub(crate) fn decode_heights_within(
     Ok(Heights::of(&image))
 }
 
-/// Bytes of the texels that a PNG, JPEG or WebP claims to have, as material textures; 0 for others.
+/// Bytes of the texels that a PNG, JPEG, WebP or KTX2 claims to have, as material textures; 0 for others.
 pub(crate) fn claimed_bytes(bytes: &[u8]) -> u64 {
+    if bytes.starts_with(&::ktx2::MAGIC) {
+        return ktx2::claimed_texels(bytes).saturating_mul(COLOR_TEXEL);
+    }
     let format = image::guess_format(bytes);
     let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) = format else {
         return 0;
@@ -198,6 +201,28 @@ fn first_picture(bytes: &[u8]) -> (&[u8], usize) {
     (&bytes[..end], 1 + scans.count())
 }
 
+/// Width and height in the header of the picture of a WebP file.
+fn webp_picture(bytes: &[u8]) -> Option<(u32, u32)> {
+    // "RIFF", the length, "WEBP"; then chunks of a name, a length and as many bytes, to an even number.
+    let mut rest = bytes.get(12..)?;
+    loop {
+        let length = u32::from_le_bytes(*rest.get(4..)?.first_chunk()?) as usize;
+        let content = rest.get(8..)?;
+        match rest.get(..4)? {
+            b"VP8 " => {
+                let sizes = content.get(6..)?.first_chunk::<4>()?;
+                let side = |low: usize| u32::from(sizes[low]) | u32::from(sizes[low + 1]) << 8;
+                return Some((side(0) & 0x3fff, side(2) & 0x3fff));
+            }
+            b"VP8L" => {
+                let sizes = u32::from_le_bytes(*content.get(1..)?.first_chunk()?);
+                return Some(((sizes & 0x3fff) + 1, (sizes >> 14 & 0x3fff) + 1));
+            }
+            _ => rest = content.get(length.checked_next_multiple_of(2)?..)?,
+        }
+    }
+}
+
 fn decode(
     name: &str,
     bytes: &[u8],
@@ -237,6 +262,14 @@ fn decode(
         }
         ImageFormat::WebP => {
             let decoder = codecs::webp::WebPDecoder::new(reader).map_err(header)?;
+            if decoder.has_animation() {
+                return Err(header_error("a film is no image".to_owned()));
+            }
+            // The decoder decodes the picture whole before it compares the two.
+            if webp_picture(bytes) != Some(decoder.dimensions()) {
+                let reason = "the picture is not as large as the file says".to_owned();
+                return Err(header_error(reason));
+            }
             check_expansion(name, decoder.dimensions(), texel, bytes.len(), true, limits)?;
             finish(name, decoder, limits, texel)
         }

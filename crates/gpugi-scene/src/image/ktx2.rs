@@ -249,6 +249,15 @@ struct Layout {
     channel: Channel,
 }
 
+/// Texels of the first level that a file claims to have; 0 if its header is none.
+pub(super) fn claimed_texels(bytes: &[u8]) -> u64 {
+    let header = bytes.first_chunk::<{ Header::LENGTH }>();
+    let header = header.and_then(|header| Header::from_bytes(header).ok());
+    header.map_or(0, |header| {
+        u64::from(header.pixel_width) * u64::from(header.pixel_height)
+    })
+}
+
 /// The header of a file of one 2D image without a Vulkan format: Basis Universal.
 fn basis_header(bytes: &[u8]) -> Option<Header> {
     let header = Header::from_bytes(bytes.first_chunk::<{ Header::LENGTH }>()?).ok()?;

@@ -76,18 +76,20 @@ fn import_resolved(
     resolver: &FileResolver,
     limits: &Limits,
 ) -> Result<Scene, ImportError> {
-    let name = path.display().to_string();
-    let bytes = read_limited(path, limits.file_bytes)
-        .map_err(|reason| ImportError::new(&name, "open", reason))?;
-    import(&name, &bytes, resolver, limits)
+    let bytes = read_file(path, limits)?;
+    import(&path.display().to_string(), &bytes, resolver, limits)
+}
+
+/// The bytes of the file at `path`, if they are within the limits.
+pub fn read_file(path: &Path, limits: &Limits) -> Result<Vec<u8>, ImportError> {
+    read_limited(path, limits.file_bytes)
+        .map_err(|reason| ImportError::new(path.display().to_string(), "open", reason))
 }
 
 /// Reads an equirectangular environment map (.hdr, .exr, .ktx2, .png, .jpg) at `path`.
 pub fn import_environment(path: &Path, limits: &Limits) -> Result<Environment, ImportError> {
-    let name = path.display().to_string();
-    let bytes = read_limited(path, limits.file_bytes)
-        .map_err(|reason| ImportError::new(&name, "open", reason))?;
-    Environment::from_file(&name, &bytes, limits)
+    let bytes = read_file(path, limits)?;
+    Environment::from_file(&path.display().to_string(), &bytes, limits)
 }
 
 impl Environment {

@@ -1,5 +1,7 @@
 //! What exporters change of a whole file after it is written: [`Changes`].
 
+use std::collections::HashSet;
+
 use serde_json::{Value, json};
 
 use super::Nothing;
@@ -65,14 +67,26 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
         let view = output.json.at("bufferViews", number)?;
         view.insert("buffer".to_owned(), 0.into());
         view.insert("byteOffset".to_owned(), offset.into());
+        view.insert("byteLength".to_owned(), bytes.len().into());
         object(view, "extensions").shift_remove(MESHOPT);
         remove_empty(view, "extensions");
     }
+    let primitives = document
+        .root
+        .meshes
+        .iter()
+        .flat_map(|mesh| &mesh.primitives);
+    let indices: HashSet<usize> = primitives
+        .filter_map(|primitive| primitive.indices)
+        .collect();
     for &number in document.decoded_accessors.keys() {
         let packed = document.packed(number, "accessors")?;
         let width = document.width(number, "accessors")?;
         let mut accessor = std::mem::take(output.json.at("accessors", number)?);
-        if width == 1 {
+        if indices.contains(&number) {
+            for member in ["sparse", "byteOffset"] {
+                accessor.shift_remove(member);
+            }
             let view = output.view(&packed.bytes, Some(ELEMENT_ARRAY_BUFFER))?;
             accessor.insert("bufferView".to_owned(), view.into());
         } else {
@@ -104,7 +118,7 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
     let last = views.filter_map(|view| view["buffer"].as_u64()).max();
     let last = last.and_then(|last| usize::try_from(last).ok());
     if let Some(Value::Array(buffers)) = output.json.root().get_mut("buffers") {
-        buffers.truncate(last.map_or(buffers.len(), |last| last + 1));
+        buffers.truncate(last.map_or(buffers.len(), |last| last.saturating_add(1)));
     }
     output.json.no_longer_uses(MESHOPT);
     output.json.no_longer_uses(DRACO);

@@ -9,6 +9,7 @@ use super::output::Output;
 use super::primitive::PageSet;
 use super::textures::{LightTexture, PageTextures};
 use crate::export::ExportError;
+use crate::import::gltf::document::DRACO;
 
 const UNLIT: &str = "KHR_materials_unlit";
 const STRENGTH: &str = "KHR_materials_emissive_strength";
@@ -149,6 +150,8 @@ fn hide_vertex_colors(primitive: &mut Object) {
         }
     }
     hide(primitive.get_mut("attributes"));
+    let packed = primitive.get_mut("extensions");
+    hide(packed.and_then(|extensions| extensions.get_mut(DRACO)?.get_mut("attributes")));
     let targets = primitive.get_mut("targets").and_then(Value::as_array_mut);
     targets
         .into_iter()
@@ -165,7 +168,7 @@ fn show(
 ) -> Result<(), ExportError> {
     let (uv_set, scale) = (wanted.uv_set.set, f32::from_bits(wanted.scale));
     if let Some(other) = wanted.uv_set.swapped {
-        swap_sets(material, [uv_set, other]);
+        swap_sets(material, "", [uv_set, other]);
     }
     let reference = |texture: usize| json!({ "index": texture, "texCoord": uv_set });
     match &page.light {
@@ -232,18 +235,25 @@ fn show(
     Ok(())
 }
 
-/// Lets what a material reads by one set of coordinates read the other, and the reverse.
-fn swap_sets(material: &mut Object, [one, other]: [u32; 2]) {
+/// The set of coordinates that an object of a material reads, if it is a texture, or a transform with a set of its own.
+/// `name`: that of the member which holds it.
+pub fn set_read(object: &Object, name: &str) -> Option<u64> {
+    let is_texture = object.get("index").is_some_and(Value::is_u64);
+    match object.get("texCoord") {
+        Some(set) => set.as_u64(),
+        None => is_texture.then_some(u64::from(name == LIGHTMAP)),
+    }
+}
+
+/// Lets what a material reads by one set of coordinates read the other, and the reverse. `holder`: the name of the member
+/// which holds it.
+fn swap_sets(material: &mut Object, holder: &str, [one, other]: [u32; 2]) {
     let swapped = |set: u64| match set {
         set if set == u64::from(one) => Some(other),
         set if set == u64::from(other) => Some(one),
         _ => None,
     };
-    let is_texture = material.get("index").is_some_and(Value::is_u64);
-    let set = match material.get("texCoord") {
-        Some(set) => set.as_u64(),
-        None => is_texture.then_some(0),
-    };
+    let set = set_read(material, holder);
     if let Some(set) = set.and_then(swapped) {
         material.insert("texCoord".to_owned(), set.into());
     }
@@ -253,7 +263,7 @@ fn swap_sets(material: &mut Object, [one, other]: [u32; 2]) {
             _ => Some(value),
         };
         if let Some(Value::Object(value)) = value {
-            swap_sets(value, [one, other]);
+            swap_sets(value, name, [one, other]);
         }
     }
 }
@@ -286,7 +296,7 @@ fn strip(material: &mut Object) {
         .get_mut("extensions")
         .and_then(Value::as_object_mut)
     {
-        extensions.retain(|name, _| !name.starts_with("KHR_materials_"));
+        extensions.retain(|name, _| !name.starts_with("KHR_materials_") && name != LIGHTMAP);
     }
     remove_empty(material, "extensions");
     if let Some(extras) = material.get_mut("extras").and_then(Value::as_object_mut) {
@@ -294,6 +304,7 @@ fn strip(material: &mut Object) {
             own.shift_remove("phong");
             own.shift_remove("blinn");
             own.shift_remove("conductor");
+            own.shift_remove("lightmap");
         }
         remove_empty(extras, "gpugi");
         remove_empty(material, "extras");

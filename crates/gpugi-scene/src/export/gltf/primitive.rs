@@ -41,12 +41,19 @@ pub fn add_uvs(
     let place = format!("meshes[{mesh}].primitives[{primitive}]");
     let mut sets = 0;
     let mut held = None;
-    while let Some(&accessor) = source.attributes.get(&format!("TEXCOORD_{sets}")) {
+    while let Some(&accessor) = source.attributes.get(&name_of(sets)) {
         if held.is_none() && holds(document, accessor, triangles, uvs) {
             held = Some(sets);
         }
         sets += 1;
     }
+    // Where there are gaps, which glTF forbids, nothing is lost either.
+    let last = source
+        .attributes
+        .keys()
+        .filter_map(|name| name.strip_prefix("TEXCOORD_"));
+    let last = last.filter_map(|set| set.parse::<u32>().ok()).max();
+    let next = last.map_or(0, |last| last.saturating_add(1));
     let set = wanted.unwrap_or_else(|| held.unwrap_or(sets));
     let mut attributes = source.attributes.clone();
     let mut targets = source.targets.clone();
@@ -68,11 +75,9 @@ pub fn add_uvs(
                 attributes.insert(name_of(set), attributes[&name_of(held)]);
             }
         }
-        write_all(
-            output.json.primitive(mesh, primitive)?,
-            &attributes,
-            &targets,
-        );
+        let json = output.json.primitive(mesh, primitive)?;
+        write_all(json, &attributes, &targets);
+        forget_draco(json);
         return Ok(PageSet { set, swapped });
     }
     let split = Split::new(triangles, uvs);
@@ -99,7 +104,7 @@ pub fn add_uvs(
     let uvs: Vec<[f32; 2]> = split.uvs.iter().map(Vec2::to_array).collect();
     let uvs = output.floats(&uvs)?;
     // What was there becomes the last set.
-    let swapped = (set < sets).then_some(sets);
+    let swapped = attributes.contains_key(&name_of(set)).then_some(next);
     if let Some(other) = swapped {
         let lists = std::iter::once(&mut attributes).chain(&mut targets);
         lists.for_each(|list| swap(list, set, other));
@@ -118,11 +123,16 @@ pub fn add_uvs(
     if let Some(indices) = indices {
         json.insert("indices".to_owned(), indices.into());
     }
-    if json.contains_key("extensions") {
-        object(json, "extensions").shift_remove(DRACO);
-        remove_empty(json, "extensions");
-    }
+    forget_draco(json);
     Ok(PageSet { set, swapped })
+}
+
+/// Compressed data lacks new coordinates, and names those that were there as they were named.
+fn forget_draco(json: &mut Object) {
+    if let Some(Value::Object(extensions)) = json.get_mut("extensions") {
+        extensions.shift_remove(DRACO);
+    }
+    remove_empty(json, "extensions");
 }
 
 fn name_of(set: u32) -> String {

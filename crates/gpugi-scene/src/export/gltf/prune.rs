@@ -6,6 +6,7 @@ use std::collections::HashSet;
 use serde_json::Value;
 
 use super::json::Object;
+use super::material;
 use super::output::Output;
 use crate::import::gltf::{panes, transfer};
 
@@ -106,28 +107,34 @@ fn named_extensions(value: &Value, found: &mut HashSet<String>) {
 
 /// Drops the last sets of texture coordinates and tangents, where no material reads them.
 fn drop_attributes(root: &mut Object) {
-    let materials = root.get("materials").cloned();
+    let materials = root.get("materials").and_then(Value::as_array);
+    let reads: Vec<Reads> = materials
+        .into_iter()
+        .flatten()
+        .map(|json| reads(json, ""))
+        .collect();
     for primitive in primitives(root) {
-        let mut shown = Vec::new();
+        let mut read = Reads::default();
         refer_of_primitive(primitive, &mut |list, index| {
-            if list == "materials" {
-                shown.extend(index.as_u64());
+            let material = index
+                .as_u64()
+                .and_then(|index| reads.get(usize::try_from(index).ok()?));
+            if let ("materials", Some(material)) = (list, material) {
+                read = read.and(*material);
             }
         });
-        let (mut sets, mut has_normals) = (0, false);
-        for material in shown {
-            let material = materials
-                .as_ref()
-                .and_then(|all| all.get(material as usize));
-            let material = material.unwrap_or(&Value::Null);
-            sets = sets.max(sets_read(material));
-            has_normals |= has_normal_map(material);
-        }
         let serves = |name: &String| match name.strip_prefix("TEXCOORD_") {
-            Some(set) => set.parse().is_ok_and(|set: u64| set < sets),
-            None => has_normals || name != "TANGENT",
+            Some(set) => set.parse().is_ok_and(|set: u64| set < read.sets),
+            None => read.tangents || name != "TANGENT",
         };
-        for path in [&["attributes"][..], &["targets", "*"]] {
+        // A morph target has at least one attribute, and none that its primitive lacks.
+        let targets = primitive.get("targets").and_then(Value::as_array);
+        let mut targets = targets.into_iter().flatten().filter_map(Value::as_object);
+        if targets.any(|target| !target.keys().any(serves)) {
+            continue;
+        }
+        let packed = ["extensions", "KHR_draco_mesh_compression", "attributes"];
+        for path in [&["attributes"][..], &["targets", "*"], &packed] {
             at(primitive, path, &mut |list| {
                 if let Some(list) = list.as_object_mut() {
                     list.retain(|name, _| serves(name));
@@ -137,28 +144,56 @@ fn drop_attributes(root: &mut Object) {
     }
 }
 
-/// How many sets of texture coordinates a material needs: one more than the last that it reads.
-fn sets_read(material: &Value) -> u64 {
-    let Some(object) = material.as_object() else {
-        let values = material.as_array().into_iter().flatten();
-        return values.map(sets_read).max().unwrap_or(0);
-    };
-    let is_texture = object.get("index").is_some_and(Value::is_u64);
-    let own = match object.get("texCoord").and_then(Value::as_u64) {
-        Some(set) => set + 1,
-        None => u64::from(is_texture),
-    };
-    object.values().map(sets_read).fold(own, u64::max)
+/// What a material needs of vertices: the first sets of coordinates, and tangents.
+#[derive(Debug, Clone, Copy, Default)]
+struct Reads {
+    sets: u64,
+    tangents: bool,
 }
 
-fn has_normal_map(material: &Value) -> bool {
-    let Some(object) = material.as_object() else {
-        return false;
-    };
-    let mut members = object.iter();
-    members.any(|(name, value)| {
-        name.to_lowercase().ends_with("normaltexture") || has_normal_map(value)
-    })
+impl Reads {
+    fn and(self, other: Self) -> Self {
+        Self {
+            sets: self.sets.max(other.sets),
+            tangents: self.tangents || other.tangents,
+        }
+    }
+}
+
+/// Of a part of a material that the member `name` holds.
+fn reads(json: &Value, name: &str) -> Reads {
+    match json {
+        Value::Object(object) => {
+            let own = Reads {
+                sets: material::set_read(object, name).map_or(0, |set| set.saturating_add(1)),
+                tangents: false,
+            };
+            // Programs derive tangents from the first set.
+            let own = match name {
+                "KHR_materials_anisotropy" => own.and(Reads {
+                    sets: 1,
+                    tangents: true,
+                }),
+                _ if name.to_lowercase().ends_with("normaltexture") => own.and(Reads {
+                    sets: 0,
+                    tangents: true,
+                }),
+                _ => own,
+            };
+            let members = object.iter().map(|(name, json)| match name.as_str() {
+                "extras" => json
+                    .get("gpugi")
+                    .map_or(Reads::default(), |own| reads(own, "gpugi")),
+                name => reads(json, name),
+            });
+            members.fold(own, Reads::and)
+        }
+        Value::Array(values) => {
+            let values = values.iter().map(|json| reads(json, name));
+            values.fold(Reads::default(), Reads::and)
+        }
+        _ => Reads::default(),
+    }
 }
 
 fn primitives(root: &mut Object) -> impl Iterator<Item = &mut Value> {

@@ -12,17 +12,23 @@ use super::document::{DRACO, Document};
 use super::schema::Primitive;
 use crate::ImportError;
 
+/// Bytes that any primitive may decode to.
+const LEAST_BYTES: u64 = 1 << 16;
+
 /// The bytes of accessors, tightly packed.
 pub type Accessors = BTreeMap<usize, Vec<u8>>;
+/// The buffer view of compressed data from which an accessor was decoded.
+type Sources = BTreeMap<usize, usize>;
 
 impl Document<'_> {
     /// Decodes all primitives whose accessors have no buffer views.
     pub fn decode_primitives(&self) -> Result<Accessors, ImportError> {
         let mut accessors = Accessors::new();
+        let mut sources = Sources::new();
         for (mesh, json) in self.root.meshes.iter().enumerate() {
             for (number, primitive) in json.primitives.iter().enumerate() {
                 let place = format!("meshes[{mesh}].primitives[{number}].extensions.{DRACO}");
-                self.decode_primitive(primitive, &place, &mut accessors)?;
+                self.decode_primitive(primitive, &place, (&mut accessors, &mut sources))?;
             }
         }
         Ok(accessors)
@@ -32,7 +38,7 @@ impl Document<'_> {
         &self,
         primitive: &Primitive,
         place: &str,
-        accessors: &mut Accessors,
+        (accessors, sources): (&mut Accessors, &mut Sources),
     ) -> Result<(), ImportError> {
         let Some(packed) = &primitive.extensions.draco else {
             return Ok(());
@@ -43,12 +49,24 @@ impl Document<'_> {
                 wanted.push((accessor, id));
             }
         }
+        // Each stream has an order of vertices of its own.
+        let all = wanted
+            .iter()
+            .map(|(accessor, _)| *accessor)
+            .chain(primitive.indices);
+        for accessor in all {
+            let source = *sources.entry(accessor).or_insert(packed.buffer_view);
+            if source != packed.buffer_view {
+                let reason = format!("accessors[{accessor}] is that of other compressed data, too");
+                return Err(self.error(place, reason));
+            }
+        }
         let is_needed = |index: usize| -> Result<bool, ImportError> {
             let accessor = self.get(&self.root.accessors, "accessor", index, place)?;
             Ok(accessor.buffer_view.is_none() && !accessors.contains_key(&index))
         };
         let mut needed = Vec::new();
-        for (accessor, id) in wanted {
+        for &(accessor, id) in &wanted {
             if is_needed(accessor)? {
                 needed.push((accessor, id));
             }
@@ -64,24 +82,24 @@ impl Document<'_> {
             .indices
             .ok_or_else(|| self.error(place, "it has no indices"))?;
         if primitive.mode != 4 {
-            return Err(self.error(place, "only triangles can be compressed"));
+            return Err(self.error(place, "compressed strips are not supported, only triangles"));
         }
-        // What is decoded has as many vertices and indices as the accessors say, which are charged first.
-        let mut points = 0;
-        let mut bytes = 0_u64;
-        for &(accessor, _) in &needed {
+        // What is decoded has as many vertices and triangles as the accessors say, which are charged first. Attributes
+        // without accessors, which files rarely have, take no more than those with.
+        let mut bytes = LEAST_BYTES;
+        for &(accessor, _) in &wanted {
             let count = self.count(accessor, place)?;
             let size = self.width(accessor, place)? * self.component(accessor, place)?.size();
-            self.charge(count, size, place)?;
-            points = points.max(count);
+            if needed.iter().any(|(needed, _)| *needed == accessor) {
+                self.charge(count, size, place)?;
+            }
             bytes = bytes.saturating_add(count.saturating_mul(4 * size as u64));
         }
         let corners = self.count(indices_of, place)?;
         self.charge(corners, size_of::<u32>(), place)?;
         let limits = DecodeLimits::default()
-            .with_max_points(points)
             .with_max_faces(corners / 3)
-            .with_max_decoded_bytes(bytes.max(1 << 16));
+            .with_max_decoded_bytes(bytes);
         let (content, _) = self.view(packed.buffer_view, place)?;
         let mut mesh = Mesh::new();
         let mut buffer = DecoderBuffer::new(content).with_limits(limits);

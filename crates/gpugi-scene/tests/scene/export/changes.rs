@@ -1,8 +1,11 @@
 //! What is changed of a whole file for the programs that read it.
 
 use glam::Vec3;
+use gpugi_scene::Limits;
 use gpugi_scene::builtin::builtin;
-use gpugi_scene::export::{BakedLight, BakedPage, Changes, Exported, export_scene};
+use gpugi_scene::export::{
+    BakedLight, BakedPage, Changes, Exported, Original, export_original, export_scene,
+};
 use serde_json::{Value, json};
 
 use crate::builder::{File, Files, png};
@@ -217,12 +220,107 @@ fn geometry_of_draco_can_be_decoded() {
     }
 }
 
-/// Indices of what is left out are not mistaken for those of what stays.
+/// An index beyond a list stays beyond what is left of it.
 #[test]
-fn hostile_indices_are_kept_out() {
+fn wrong_indices_become_no_right_ones() {
     let mut file = file();
-    file.json["textures"][0]["source"] = json!(77);
+    file.json["textures"][2]["source"] = json!(77);
     let changed = baked(&file, &PRUNES);
     let json: Value = Baked::new(&changed.glb).json;
-    assert!(!json["textures"].to_string().contains("77"));
+    let textures = json["textures"].as_array().unwrap();
+    let images = json["images"].as_array().unwrap().len() as u64;
+    let beyond = |texture: &&Value| texture["source"].as_u64().unwrap() >= images;
+    assert_eq!(textures.iter().filter(beyond).count(), 1, "{json}");
+}
+
+/// Compressed attributes are those of the primitive, and nothing is left out of what a material needs.
+#[test]
+fn attributes_are_left_out_everywhere_or_nowhere() {
+    let pruned = |file: &File| {
+        let original = Original {
+            name: "a.glb",
+            bytes: &file.glb(),
+            resolver: &Files::default(),
+            limits: Limits::default(),
+        };
+        let exported = export_original(&original)
+            .unwrap()
+            .changed(&PRUNES)
+            .unwrap();
+        keep(&exported.glb);
+        let baked = Baked::new(&exported.glb);
+        baked.json["meshes"][0]["primitives"][0].clone()
+    };
+    let primitive = pruned(&crate::gltf::draco::packed(1));
+    let packed = &primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"];
+    let names = |list: &Value| {
+        list.as_object()
+            .unwrap()
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(names(&primitive["attributes"]), ["POSITION", "COLOR_0"]);
+    assert_eq!(names(packed), ["POSITION", "COLOR_0"]);
+
+    // What bends a surface by its coordinates alone stays, and so does what anisotropy needs.
+    let mut file = file();
+    let uvs = file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].clone();
+    file.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "TEXCOORD_0": uvs }]);
+    file.json["materials"][0] = json!({ "name": "plain" });
+    let before = file.json["meshes"][0]["primitives"][0]["attributes"].clone();
+    assert_eq!(
+        pruned(&file)["attributes"].as_object().unwrap().len(),
+        3,
+        "{before}"
+    );
+    file.primitive()
+        .as_object_mut()
+        .unwrap()
+        .shift_remove("targets");
+    assert_eq!(names(&pruned(&file)["attributes"]), ["POSITION"]);
+    let anisotropy = json!({ "KHR_materials_anisotropy": { "anisotropyStrength": 0.5 } });
+    file.json["materials"][0]["extensions"] = anisotropy;
+    file.json["extensionsUsed"] = json!(["KHR_materials_anisotropy"]);
+    assert_eq!(pruned(&file)["attributes"].as_object().unwrap().len(), 3);
+    // Lightmaps without a set are in the second one.
+    let second = file.json["accessors"].as_array().unwrap().len() - 1;
+    let uvs = file.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"].clone();
+    file.attribute("TEXCOORD_1", uvs.as_u64().unwrap() as usize);
+    file.json["materials"][0]["extensions"] = json!({ "MOZ_lightmap": { "index": 0 } });
+    file.json["extensionsUsed"] = json!(["MOZ_lightmap"]);
+    let kept = pruned(&file);
+    assert!(
+        kept["attributes"].get("TEXCOORD_1").is_some(),
+        "{second}: {kept}"
+    );
+}
+
+/// What an earlier bake stored is no part of what a later one shows.
+#[test]
+fn an_unlit_bake_of_a_lightmap_has_no_lightmap() {
+    let mut file = File::with_material(json!({
+        "extensions": { "MOZ_lightmap": { "index": 0, "texCoord": 1 } },
+        "extras": { "gpugi": { "lightmap": { "file": "light.exr" } } },
+    }));
+    let view = file.view(&png(1, 1, &[255; 4]));
+    file.push(
+        "images",
+        json!({ "bufferView": view, "mimeType": "image/png" }),
+    );
+    file.push("textures", json!({ "source": 0 }));
+    file.json["extensionsUsed"] = json!(["MOZ_lightmap"]);
+    let scene = file.import();
+    let page = BakedPage {
+        light: Some(BakedLight::Unlit(vec![[1, 2, 3, 255]; TEXELS])),
+        ..BakedPage::default()
+    };
+    let bytes = file.glb();
+    let exported = try_bake(&bytes, &Files::default(), &scene, &shredded(&scene), page).unwrap();
+    let json = Baked::new(&exported.changed(&PRUNES).unwrap().glb).json;
+    assert!(
+        !json.to_string().to_lowercase().contains("lightmap"),
+        "{json}"
+    );
+    assert_eq!(json["images"].as_array().unwrap().len(), 1);
 }

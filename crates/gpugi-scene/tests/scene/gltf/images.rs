@@ -133,6 +133,36 @@ fn optional_formats_fall_back() {
     assert_eq!(texture.count(), 1);
 }
 
+/// A WebP whose picture is larger than its header says, and a film, are refused before they are decoded.
+#[test]
+fn webp_is_as_large_as_it_says() {
+    let mut plain = Vec::new();
+    image::codecs::webp::WebPEncoder::new_lossless(&mut plain)
+        .encode(&[TEXEL; 6].concat(), 3, 2, image::ExtendedColorType::Rgba8)
+        .unwrap();
+    let extended = |flags: u8, width: u8| {
+        let header = [flags, 0, 0, 0, width - 1, 0, 0, 1, 0, 0];
+        let chunks = [b"VP8X", &10_u32.to_le_bytes()[..], &header, &plain[12..]].concat();
+        let length = (4 + chunks.len() as u32).to_le_bytes();
+        [b"RIFF", &length[..], b"WEBP", &chunks].concat()
+    };
+    let read = |bytes: &[u8]| {
+        let image = gpugi_scene::image::decode_color("a.webp", bytes, &Limits::default());
+        image
+            .map(|image| image.width)
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(read(&plain), Ok(3));
+    assert_eq!(read(&extended(0x10, 3)), Ok(3));
+    assert!(
+        read(&extended(0x10, 2))
+            .unwrap_err()
+            .contains("as large as")
+    );
+    let film = read(&extended(0x12, 3));
+    assert!(film.is_err(), "{film:?}");
+}
+
 #[test]
 fn webp_and_basis_universal_need_nothing_to_fall_back_on() {
     let mut webp = Vec::new();
