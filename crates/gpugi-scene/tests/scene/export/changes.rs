@@ -218,6 +218,13 @@ fn geometry_of_draco_can_be_decoded() {
         assert!(primitive.get("extensions").is_none(), "{primitive}");
         assert!(baked.json.get("extensionsRequired").is_none());
     }
+    // Coordinates that the compressed data already has serve as a second set.
+    let own = |_, vertex: u32| scene.meshes[0].uvs[0][vertex as usize];
+    let atlas = atlas(&scene, own);
+    let exported = try_bake(&file.glb(), &Files::default(), &scene, &atlas, obscured()).unwrap();
+    let baked = Baked::new(&exported.glb);
+    assert_mapped(&scene, &atlas, &baked.scene, 1);
+    assert!(!baked.json.to_string().contains("draco"));
 }
 
 /// An index beyond a list stays beyond what is left of it.
