@@ -9,7 +9,9 @@ use gpugi_scene::export::{
 use serde_json::{Value, json};
 
 use crate::builder::{File, Files, png};
-use crate::export::baking::{Baked, SIZE, assert_mapped, keep, read, shredded, try_bake, whole};
+use crate::export::baking::{
+    Baked, SIZE, assert_mapped, atlas, keep, obscured, read, shredded, try_bake, whole,
+};
 
 const TEXELS: usize = (SIZE * SIZE) as usize;
 const PRUNES: Changes = Changes {
