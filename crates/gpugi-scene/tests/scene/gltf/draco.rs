@@ -210,3 +210,16 @@ fn damage_is_named() {
         "",
     );
 }
+
+/// Each stream has an order of vertices of its own, so two cannot be that of the same accessors.
+#[test]
+fn accessors_have_one_stream() {
+    let mut file = packed(0);
+    file.push("meshes", file.json["meshes"][0].clone());
+    assert_eq!(file.import().meshes.len(), 1);
+    let view = file.view(&encoded(1));
+    let extensions = &mut file.json["meshes"][1]["primitives"][0]["extensions"];
+    extensions["KHR_draco_mesh_compression"]["bufferView"] = json!(view);
+    let place = "meshes[1].primitives[0].extensions.KHR_draco_mesh_compression";
+    file.assert_error(place, "other compressed data");
+}
