@@ -276,6 +276,7 @@ fn a_second_set_of_the_file_makes_room() {
         },
         "normalTexture": { "index": 0 },
     }));
+    file.json["extensionsUsed"] = json!(["KHR_texture_transform"]);
     let view = file.view(&png(1, 1, &[255; 4]));
     file.push(
         "images",

@@ -205,6 +205,10 @@ fn beside_variants_the_first_free_set_is_taken() {
     let mut file = quad();
     let mappings = json!([{ "material": 0, "variants": [0] }]);
     file.push("materials", json!({}));
+    let used = file.json["extensionsUsed"].as_array_mut().unwrap();
+    used.push(json!("KHR_materials_variants"));
+    let variants = json!({ "variants": [{ "name": "other" }] });
+    file.json["extensions"] = json!({ "KHR_materials_variants": variants });
     file.primitive()["extensions"] = json!({ "KHR_materials_variants": { "mappings": mappings } });
     for set in 0..2 {
         let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
