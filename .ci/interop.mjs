@@ -9,7 +9,7 @@ import { posted } from './page.mjs';
 const [gpugi, chromium, site, python] = process.argv.slice(2);
 /// On a scale of 0 to 1 as displayed.
 const LIMIT = 0.03;
-const SIDE = 96;
+const SIDE = 128;
 
 const run = (program, ...words) => execFileSync(program, words, { encoding: 'utf8', stdio: ['ignore', 'pipe', 'inherit'] });
 const file = (name) => join(site, name);
