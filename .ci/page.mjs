@@ -8,7 +8,7 @@ import { extname, join, resolve, sep } from 'node:path';
 /// Longest time for a picture (ms).
 const PATIENCE = 180_000;
 
-const TYPES = { '.html': 'text/html; charset=utf-8', '.js': 'text/javascript' };
+const TYPES = { '.html': 'text/html; charset=utf-8', '.js': 'text/javascript', '.css': 'text/css' };
 
 /// Serves `site`; resolves to what the page posts.
 function served(site, open) {

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// Leave the lights out
     #[arg(long)]
     drop_lights: bool,
-    /// Units of the lights: one candela for one watt per steradian, or for 1/683 of it, as Blender reads them
+    /// Units of the lights: 1 W/sr as 1 cd, as gpugi reads it, or as 683 cd, as Blender does
     #[arg(long, value_name = "UNITS", default_value = "radiometric")]
     light_units: LightUnits,
 }

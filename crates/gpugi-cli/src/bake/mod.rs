@@ -1,6 +1,7 @@
 //! `gpugi bake`: bakes a scene's light, or what relights it, into texture space, or an environment into maps.
 
 mod lights;
+mod options;
 mod precomputed;
 mod scene;
 mod tasks;
@@ -22,7 +23,8 @@ use gpugi_scene::import_environment;
 use crate::output::{make_folder, write_json};
 use crate::scene_argument::SceneArguments;
 use crate::{Common, Usage};
-pub use scene::{Baked, LightUnits, Order, SceneOptions, Subject, bake, write};
+pub use options::{LightUnits, SceneOptions};
+pub use scene::{Baked, Order, Subject, bake, write};
 pub use tasks::SharedBake;
 
 /// Options of `gpugi bake`.

@@ -16,7 +16,8 @@ use gpugi_scene::export::{
 use gpugi_scene::{LightPathPanes, Scene, TransferVectors};
 
 use super::has_extension;
-use super::scene::{SceneOptions, too_thin, write};
+use super::options::SceneOptions;
+use super::scene::{too_thin, write};
 use super::work::begin;
 use crate::progress::Progress;
 use crate::render::{print_notes, usage};

@@ -12,9 +12,10 @@ use gpugi_scene::export::{BakedPage, Changes, export_bake};
 use gpugi_scene::{Atlas, Scene};
 
 use super::lights::{self, Lights};
+use super::options::SceneOptions;
 use super::scene::{
-    Baked, Order, SceneOptions, Subject, check, check_denoise, dropped, leave_out, light_bake,
-    light_of_pages, moved, notes_of, nothing_to_bake, too_thin, write,
+    Baked, Order, Subject, check, check_denoise, dropped, leave_out, light_bake, light_of_pages,
+    moved, notes_of, nothing_to_bake, too_thin, write,
 };
 use super::work::unwrap;
 use crate::Usage;

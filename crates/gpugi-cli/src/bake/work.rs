@@ -10,7 +10,7 @@ use gpugi::gpu::Gpu;
 use gpugi_scene::image::replace_file;
 use gpugi_scene::{Atlas, AtlasError, AtlasOptions, Scene, TexelDensity};
 
-use super::scene::SceneOptions;
+use super::options::SceneOptions;
 use crate::Usage;
 use crate::progress::Progress;
 

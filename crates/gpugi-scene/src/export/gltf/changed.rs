@@ -7,12 +7,12 @@ use serde_json::{Value, json};
 use super::Nothing;
 use super::json::{Json, object, remove_empty};
 use super::output::{ELEMENT_ARRAY_BUFFER, Output};
+use super::scene::LIGHTS;
 use super::{primitive, prune};
 use crate::Limits;
 use crate::export::{Changes, ExportError, Exported};
 use crate::import::gltf::document::{DRACO, Document, MESHOPT};
 
-const LIGHTS: &str = "KHR_lights_punctual";
 /// Lumens per watt of light at 555 nm: the luminous efficacy by which programs convert.
 const LUMENS_PER_WATT: f64 = 683.0;
 
@@ -103,15 +103,10 @@ fn unpack(output: &mut Output, glb: &[u8]) -> Result<(), ExportError> {
     for mesh in 0..output.json.list("meshes").len() {
         let primitives = output.json.at("meshes", mesh)?.get_mut("primitives");
         let primitives = primitives.and_then(Value::as_array_mut);
-        for primitive in primitives.into_iter().flatten() {
-            let Some(primitive) = primitive.as_object_mut() else {
-                continue;
-            };
-            if let Some(Value::Object(extensions)) = primitive.get_mut("extensions") {
-                extensions.shift_remove(DRACO);
-            }
-            remove_empty(primitive, "extensions");
-        }
+        let primitives = primitives.into_iter().flatten();
+        primitives
+            .filter_map(Value::as_object_mut)
+            .for_each(primitive::forget_draco);
     }
     // Without their views, the buffers that stood for decoded bytes serve nobody.
     let views = output.json.list("bufferViews").iter();

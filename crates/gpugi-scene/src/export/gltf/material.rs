@@ -37,9 +37,9 @@ pub type Uses = HashMap<Primitive, Use>;
 /// Groups of primitives that get the same material, derived from the same original or from glTF's default.
 type Changes = BTreeMap<(Option<usize>, Use), Vec<Primitive>>;
 
-/// The set in which programs look for the coordinates of a page: the first if nothing of the material that stays reads
-/// coordinates, because some read no other; else the second, which is that of lightmaps in most. `None`, the first free
-/// one, where variants read the file's own.
+/// The set for a page's coordinates. 0 if nothing that stays in the material reads coordinates: some programs read no other
+/// set. Otherwise 1, where most programs look for those of lightmaps. `None`, for the first free set, beside variants, whose
+/// materials read the file's own sets.
 pub fn wanted_set(
     file: &mut Json,
     (mesh, number): Primitive,

@@ -276,7 +276,7 @@ impl<'a> Baker<'a> {
                 triangles,
                 (&uvs.corners, wanted),
             )?;
-            // What else unlit and emissive materials read are not the file's own sets, but for one of coverage.
+            // Of the file's own sets, unlit materials read none, and emissive ones only that of their alpha.
             let keeps = matches!(light, None | Some(LightTexture::Lightmap { .. }));
             let own = uv_set.swapped.filter(|_| keeps || uv_set.set > 0);
             let further = uv_set.set.max(own.unwrap_or(0));

@@ -146,7 +146,7 @@ impl Output {
         )
     }
 
-    /// Leaves out bytes of the buffer that no view shows, unless views share so many that copies would need more.
+    /// Drops the bytes that no view shows. Does nothing if views overlap so much that a copy of each would be longer.
     pub fn compact(&mut self) {
         const PACKED: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
         let mut compact = Vec::new();

@@ -24,7 +24,7 @@ pub struct Triangles {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct PageSet {
     pub set: u32,
-    /// Where coordinates of that number are now, if the file had others there; and the reverse.
+    /// The set with which it changed places, if the file had other coordinates under this number.
     pub swapped: Option<u32>,
 }
 
@@ -127,8 +127,8 @@ pub fn add_uvs(
     Ok(PageSet { set, swapped })
 }
 
-/// Compressed data lacks new coordinates, and names those that were there as they were named.
-fn forget_draco(json: &mut Object) {
+/// Removes a primitive's compressed data, which lacks new coordinates and names the others as they were.
+pub fn forget_draco(json: &mut Object) {
     if let Some(Value::Object(extensions)) = json.get_mut("extensions") {
         extensions.shift_remove(DRACO);
     }

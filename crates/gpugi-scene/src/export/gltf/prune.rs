@@ -41,21 +41,21 @@ const KNOWN: [&str; 16] = [
     "MOZ_texture_rgbe",
     "MSFT_texture_dds",
 ];
-/// Extensions that are used without being written anywhere.
+/// An extension without an object of its own: files only declare it.
 const SILENT: &str = "KHR_mesh_quantization";
 
 /// Prunes a file; `warnings` say why not, if so.
 pub fn prune(output: &mut Output, warnings: &mut Vec<String>) {
     let root = output.json.root();
     let mut written = HashSet::new();
-    named_extensions(&Value::Object(root.clone()), &mut written);
+    extensions_of(root, &mut written);
     let is_known =
         |name: &&String| KNOWN.contains(&name.as_str()) || name.starts_with("KHR_materials_");
     let mut unknown: Vec<&String> = written.iter().filter(|name| !is_known(name)).collect();
     unknown.sort();
     if let Some(name) = unknown.first() {
         warnings.push(format!(
-            "not pruned: {name} may refer to what nothing else does"
+            "not pruned: {name} is unknown here, and may refer to what looks unused"
         ));
         return;
     }
@@ -70,7 +70,7 @@ pub fn prune(output: &mut Output, warnings: &mut Vec<String>) {
     output.compact();
     let root = output.json.root();
     let mut written = HashSet::new();
-    named_extensions(&Value::Object(root.clone()), &mut written);
+    extensions_of(root, &mut written);
     for list in ["extensionsUsed", "extensionsRequired"] {
         let Some(names) = root.get_mut(list).and_then(Value::as_array_mut) else {
             continue;
@@ -85,23 +85,22 @@ pub fn prune(output: &mut Output, warnings: &mut Vec<String>) {
     }
 }
 
-/// Collects the names of all extensions that a value has.
-fn named_extensions(value: &Value, found: &mut HashSet<String>) {
-    match value {
-        Value::Object(object) => {
-            for (key, value) in object {
-                if let ("extensions", Some(extensions)) = (key.as_str(), value.as_object()) {
-                    found.extend(extensions.keys().cloned());
-                }
-                if key != "extras" {
-                    named_extensions(value, found);
-                }
-            }
+/// Collects the names of the extensions of an object and of all that it holds.
+fn extensions_of(object: &Object, found: &mut HashSet<String>) {
+    fn collect(value: &Value, found: &mut HashSet<String>) {
+        match value {
+            Value::Object(object) => extensions_of(object, found),
+            Value::Array(values) => values.iter().for_each(|value| collect(value, found)),
+            _ => {}
         }
-        Value::Array(values) => values
-            .iter()
-            .for_each(|value| named_extensions(value, found)),
-        _ => {}
+    }
+    for (key, value) in object {
+        if let ("extensions", Some(extensions)) = (key.as_str(), value.as_object()) {
+            found.extend(extensions.keys().cloned());
+        }
+        if key != "extras" {
+            collect(value, found);
+        }
     }
 }
 

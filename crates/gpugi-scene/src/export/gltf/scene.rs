@@ -17,7 +17,7 @@ use crate::{
     Name, Origin, PhaseFunction, Pixels, Projection, Scene, TextureRef, Wrap,
 };
 
-const LIGHTS: &str = "KHR_lights_punctual";
+pub const LIGHTS: &str = "KHR_lights_punctual";
 /// Cameras have no near plane here, but glTF's need one (m).
 const NEAR: f32 = 0.01;
 

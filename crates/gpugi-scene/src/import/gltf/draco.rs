@@ -49,15 +49,16 @@ impl Document<'_> {
                 wanted.push((accessor, id));
             }
         }
-        // Each stream has an order of vertices of its own.
-        let all = wanted
-            .iter()
-            .map(|(accessor, _)| *accessor)
-            .chain(primitive.indices);
-        for accessor in all {
+        // Each stream has its own order of vertices, so that no accessor can stand for two. Those with uncompressed data can.
+        let all = wanted.iter().map(|(accessor, _)| *accessor);
+        for accessor in all.chain(primitive.indices) {
+            let json = self.get(&self.root.accessors, "accessor", accessor, place)?;
+            if json.buffer_view.is_some() {
+                continue;
+            }
             let source = *sources.entry(accessor).or_insert(packed.buffer_view);
             if source != packed.buffer_view {
-                let reason = format!("accessors[{accessor}] is that of other compressed data, too");
+                let reason = format!("accessors[{accessor}] is shared with other compressed data");
                 return Err(self.error(place, reason));
             }
         }
@@ -84,8 +85,8 @@ impl Document<'_> {
         if primitive.mode != 4 {
             return Err(self.error(place, "compressed strips are not supported, only triangles"));
         }
-        // What is decoded has as many vertices and triangles as the accessors say, which are charged first. Attributes
-        // without accessors, which files rarely have, take no more than those with.
+        // The accessors say how much is decoded; it is charged first. The factor leaves room for attributes that no accessor
+        // names.
         let mut bytes = LEAST_BYTES;
         for &(accessor, _) in &wanted {
             let count = self.count(accessor, place)?;

@@ -222,4 +222,10 @@ fn accessors_have_one_stream() {
     extensions["KHR_draco_mesh_compression"]["bufferView"] = json!(view);
     let place = "meshes[1].primitives[0].extensions.KHR_draco_mesh_compression";
     file.assert_error(place, "other compressed data");
+    // With uncompressed data beside, no stream is read.
+    for accessor in 1..=4 {
+        let view = file.view(&[0; 4 * 96 * 3]);
+        file.json["accessors"][accessor]["bufferView"] = json!(view);
+    }
+    assert_eq!(file.import().meshes.len(), 1);
 }
